@@ -1,0 +1,3 @@
+[
+  inputs: ["{mix,.formatter}.exs", "{bench,config,examples,lib,rel,test}/**/*.{ex,exs}"]
+]
