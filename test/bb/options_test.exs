@@ -156,6 +156,8 @@ defmodule BB.OptionsTest do
     test "{:map, key_type, value_type} tells the key" do
       assert validate({:map, :string, :integer}, %{"a" => 1}) == {:ok, [k: %{"a" => 1}]}
 
+      assert message({:map, :atom, :any}, 1..2) =~ "expected map, got: 1..2"
+
       assert message({:map, :string, :integer}, %{a: 1}) ==
                "invalid map in :k option: invalid value for map key: expected string, got: :a"
 

@@ -192,9 +192,10 @@ defmodule BB.Options.Type do
 
   def cast(:map, value, key), do: cast({:map, :atom, :any}, value, key)
 
-  def cast({:map, key_type, value_type}, value, key) when is_map(value) do
+  def cast({:map, key_type, value_type}, value, key)
+      when is_map(value) and not is_struct(value) do
     value
-    |> Enum.to_list()
+    |> Map.to_list()
     |> cast_all(fn {{k, v}, _index} -> cast_pair(key_type, value_type, k, v) end)
     |> case do
       {:ok, pairs} -> {:ok, Map.new(pairs)}
