@@ -6,8 +6,7 @@ defmodule Ganglion.Demo.LogTail do
   @doc "Log lines go to `pid`, and no longer to the terminal that shows the screen."
   @spec attach(pid()) :: :ok
   def attach(pid) do
-    _ = :logger.remove_handler(:default)
-    _ = Logger.remove_backend(:console)
+    Enum.each(:logger.get_handler_ids(), &:logger.remove_handler/1)
     :ok = :logger.add_handler(__MODULE__, __MODULE__, %{config: %{pid: pid}, level: :info})
   end
 
