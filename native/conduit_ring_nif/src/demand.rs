@@ -59,7 +59,11 @@ struct InHand {
 
 impl<W> Default for Demand<W> {
     fn default() -> Self {
-        Self { mode: Mode::Credits(0), requests: VecDeque::new(), in_hand: None }
+        Self {
+            mode: Mode::Credits(0),
+            requests: VecDeque::new(),
+            in_hand: None,
+        }
     }
 }
 
@@ -70,7 +74,9 @@ impl<W> Demand<W> {
             (Active::Always, _) => Mode::Always,
             (Active::Once, _) => Mode::Once,
             (Active::Never, _) => Mode::Credits(0),
-            (Active::More(more), Mode::Credits(left)) => Mode::Credits(left.saturating_add(more).max(0)),
+            (Active::More(more), Mode::Credits(left)) => {
+                Mode::Credits(left.saturating_add(more).max(0))
+            }
             (Active::More(more), _) => Mode::Credits(more.max(0)),
         };
         matches!(active, Active::More(_)) && self.mode == Mode::Credits(0)
@@ -99,7 +105,10 @@ impl<W> Demand<W> {
     /// What is to be done next; requests come first.
     pub fn next(&mut self) -> Next<W> {
         let request = self.requests.pop_front();
-        self.in_hand = request.as_ref().map(|request| InHand { id: request.id, cancelled: false });
+        self.in_hand = request.as_ref().map(|request| InHand {
+            id: request.id,
+            cancelled: false,
+        });
         match request {
             Some(request) => Next::Answer(request),
             None if self.is_active() => Next::Deliver,
@@ -147,7 +156,10 @@ mod tests {
         let mut demand = Demand::<()>::default();
         assert!(!demand.set(Active::More(2)));
         assert!(!demand.set(Active::More(1)));
-        assert_eq!([demand.delivered(), demand.delivered(), demand.delivered()], [false, false, true]);
+        assert_eq!(
+            [demand.delivered(), demand.delivered(), demand.delivered()],
+            [false, false, true]
+        );
         assert_eq!(demand.next(), Next::Park);
     }
 

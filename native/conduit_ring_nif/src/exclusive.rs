@@ -30,14 +30,20 @@ unsafe impl<T: Send> Sync for Exclusive<T> {}
 impl<T> Exclusive<T> {
     /// A value that is free to use.
     pub fn new(value: T) -> Self {
-        Self { state: AtomicU8::new(FREE), value: UnsafeCell::new(Some(value)) }
+        Self {
+            state: AtomicU8::new(FREE),
+            value: UnsafeCell::new(Some(value)),
+        }
     }
 
     /// Uses the value, unless another thread does or it is gone.
     #[inline]
     pub fn try_with<R>(&self, action: impl FnOnce(&mut T) -> R) -> Result<R, Refused> {
         // Acquire: sees what the last user wrote before its Release in `Use::drop`.
-        match self.state.compare_exchange(FREE, BUSY, Ordering::Acquire, Ordering::Relaxed) {
+        match self
+            .state
+            .compare_exchange(FREE, BUSY, Ordering::Acquire, Ordering::Relaxed)
+        {
             Ok(_) => {}
             Err(GONE) => return Err(Refused::Gone),
             Err(_) => return Err(Refused::Busy),
@@ -58,7 +64,11 @@ impl<T> Exclusive<T> {
             _ => None,
         };
         // Acquire: sees what the last user wrote before its Release in `Use::drop`.
-        if self.state.fetch_update(Ordering::Acquire, Ordering::Acquire, retired) == Ok(FREE) {
+        if self
+            .state
+            .fetch_update(Ordering::Acquire, Ordering::Acquire, retired)
+            == Ok(FREE)
+        {
             self.discard();
         }
     }
@@ -76,7 +86,12 @@ struct Use<'a, T>(&'a Exclusive<T>);
 impl<T> Drop for Use<'_, T> {
     fn drop(&mut self) {
         // Release: pairs with the Acquire in `try_with` and `retire`.
-        if self.0.state.compare_exchange(BUSY, FREE, Ordering::Release, Ordering::Relaxed).is_err() {
+        if self
+            .0
+            .state
+            .compare_exchange(BUSY, FREE, Ordering::Release, Ordering::Relaxed)
+            .is_err()
+        {
             self.0.state.store(GONE, Ordering::Relaxed);
             self.0.discard();
         }

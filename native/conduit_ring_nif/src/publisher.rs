@@ -1,7 +1,9 @@
 //! The writing end of a topic as a resource.
 
 use conduit_ring::{ContentTag, Geometry, PublishError, Publisher, PublisherOptions, Topic};
-use rustler::{Atom, Binary, Env, LocalPid, Monitor, NifMap, NifResult, Resource, ResourceArc, Term};
+use rustler::{
+    Atom, Binary, Env, LocalPid, Monitor, NifMap, NifResult, Resource, ResourceArc, Term,
+};
 
 use crate::exclusive::{Exclusive, Refused};
 use crate::terms::{self, InfoTerm, atoms, failure};
@@ -44,7 +46,10 @@ impl OpenOptions {
     fn build(&self) -> Result<PublisherOptions, conduit_ring::Error> {
         Ok(PublisherOptions {
             geometry: Geometry::slots(self.slot_count, self.slot_size)?,
-            content: self.content.as_deref().map_or(ContentTag::RAW, ContentTag::of),
+            content: self
+                .content
+                .as_deref()
+                .map_or(ContentTag::RAW, ContentTag::of),
             mode: self.mode,
             force: self.force,
             ..PublisherOptions::default()
@@ -59,9 +64,11 @@ fn publisher_open<'a>(env: Env<'a>, topic: &str, options: OpenOptions) -> NifRes
         Ok(publisher) => publisher,
         Err(error) => return Ok(failure(env, &error)),
     };
-    let resource = ResourceArc::new(PublisherResource(Exclusive::new(Abandoned(Some(publisher)))));
+    let resource = ResourceArc::new(PublisherResource(Exclusive::new(Abandoned(Some(
+        publisher,
+    )))));
     // A dead owner has no monitor: the resource is then collected with the terms of this call.
-    let _monitor = resource.monitor(&env.pid());
+    let _monitor = resource.monitor(Some(env), &env.pid());
     Ok(terms::ok(env, resource))
 }
 
@@ -85,7 +92,10 @@ fn publish_large(resource: ResourceArc<PublisherResource>, data: Vec<Binary>) ->
 
 #[rustler::nif(schedule = "DirtyIo")]
 fn publisher_close(resource: ResourceArc<PublisherResource>) -> Atom {
-    match resource.0.try_with(|Abandoned(publisher)| publisher.take().map(Publisher::close)) {
+    match resource
+        .0
+        .try_with(|Abandoned(publisher)| publisher.take().map(Publisher::close))
+    {
         Ok(Some(())) => rustler::types::atom::ok(),
         Ok(None) => atoms::closed(),
         Err(refused) => refused.into(),
@@ -94,7 +104,10 @@ fn publisher_close(resource: ResourceArc<PublisherResource>) -> Atom {
 
 #[rustler::nif]
 fn publisher_info(env: Env, resource: ResourceArc<PublisherResource>) -> Term {
-    match resource.0.try_with(|Abandoned(publisher)| publisher.as_ref().map(Publisher::info)) {
+    match resource
+        .0
+        .try_with(|Abandoned(publisher)| publisher.as_ref().map(Publisher::info))
+    {
         Ok(Some(info)) => terms::ok(env, InfoTerm::from(info)),
         Ok(None) => terms::error(env, atoms::closed()),
         Err(refused) => terms::error(env, Atom::from(refused)),
@@ -111,7 +124,10 @@ fn publish(
     resource: &PublisherResource,
     write: impl FnOnce(&mut Publisher) -> Result<u64, PublishError>,
 ) -> Atom {
-    match resource.0.try_with(|Abandoned(publisher)| publisher.as_mut().map(write)) {
+    match resource
+        .0
+        .try_with(|Abandoned(publisher)| publisher.as_mut().map(write))
+    {
         Ok(Some(Ok(_sequence))) => rustler::types::atom::ok(),
         Ok(Some(Err(error))) => terms::publish_error(&error),
         Ok(None) => atoms::closed(),

@@ -4,11 +4,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::time::Duration;
 
-use conduit_ring::{Meta, Policy, ReadWith, Start, Subscriber, SubscriberOptions, Topic, Waker};
+use conduit_ring::{Meta, Policy, Received, Start, Subscriber, SubscriberOptions, Topic, Waker};
 use rustler::env::SavedTerm;
 use rustler::{
-    Atom, Encoder, Env, LocalPid, Monitor, NifMap, NifResult, NifTaggedEnum, NifUnitEnum, OwnedEnv, Reference,
-    Resource, ResourceArc, Term,
+    Atom, Encoder, Env, LocalPid, Monitor, NifMap, NifResult, NifTaggedEnum, NifUnitEnum, OwnedEnv,
+    Reference, Resource, ResourceArc, Term,
 };
 
 use crate::buffer::Buffer;
@@ -71,12 +71,19 @@ impl Drop for SubscriberResource {
 
 impl Shared {
     fn new(waker: Waker) -> Self {
-        Self { state: Mutex::default(), changed: Condvar::new(), waker, last_request: AtomicU64::new(0) }
+        Self {
+            state: Mutex::default(),
+            changed: Condvar::new(),
+            waker,
+            last_request: AtomicU64::new(0),
+        }
     }
 
     /// Never held across anything that waits.
     fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+        self.state
+            .lock()
+            .unwrap_or_else(|poisoned| poisoned.into_inner())
     }
 
     /// Changes the state and gets the thread to look at it, wherever it sleeps.
@@ -104,7 +111,12 @@ impl Shared {
                 return None;
             }
             match state.demand.next() {
-                Next::Park => state = self.changed.wait(state).unwrap_or_else(|poisoned| poisoned.into_inner()),
+                Next::Park => {
+                    state = self
+                        .changed
+                        .wait(state)
+                        .unwrap_or_else(|poisoned| poisoned.into_inner())
+                }
                 next => return Some(next),
             }
         }
@@ -172,42 +184,67 @@ fn subscriber_open<'a>(
     reference: Reference<'a>,
     options: OpenOptions,
 ) -> NifResult<Term<'a>> {
-    let ring = match Topic::new(topic).and_then(|topic| Subscriber::open(&topic, &options.into())) {
+    let options = SubscriberOptions::from(options);
+    let ring = match Topic::new(topic).and_then(|topic| Subscriber::open(&topic, &options)) {
         Ok(ring) => ring,
         Err(error) => return Ok(failure(env, &error)),
     };
     let shared = Arc::new(Shared::new(ring.waker()));
     let owner = env.pid();
-    let reader = Reader { ring, shared: shared.clone(), post: Post::new(owner, reference), last_error: None };
-    let thread = std::thread::Builder::new().name("bb_ring".into()).stack_size(STACK_SIZE);
+    let reader = Reader {
+        ring,
+        policy: options.policy,
+        shared: shared.clone(),
+        post: Post::new(owner, reference),
+        last_error: None,
+    };
+    let thread = std::thread::Builder::new()
+        .name("bb_ring".into())
+        .stack_size(STACK_SIZE);
     if let Err(error) = thread.spawn(move || reader.run()) {
         return Ok(terms::error(env, (atoms::thread(), error.to_string())));
     }
     let resource = ResourceArc::new(SubscriberResource(shared));
     // A dead owner has no monitor: the resource is then collected with the terms of this call.
-    let _monitor = resource.monitor(&owner);
+    let _monitor = resource.monitor(Some(env), &owner);
     Ok(terms::ok(env, resource))
 }
 
 /// Sets the mode; `:passive` when that took the last credit back.
 #[rustler::nif]
 fn subscriber_active(resource: ResourceArc<SubscriberResource>, active: ActiveTerm) -> Atom {
-    resource.0.change(|state| match state {
-        State { closing: true, .. } => atoms::closed(),
-        state if state.demand.set(active.into()) => atoms::passive(),
-        _ => rustler::types::atom::ok(),
+    resource.0.change(|state| {
+        if state.closing {
+            atoms::closed()
+        } else if state.demand.set(active.into()) {
+            atoms::passive()
+        } else {
+            rustler::types::atom::ok()
+        }
     })
 }
 
 /// Asks for one message on behalf of the caller: `{:ok, id}`, and the answer comes as `{:bb_ring_reply, ref, id, result}`.
 #[rustler::nif]
-fn subscriber_request<'a>(env: Env<'a>, resource: ResourceArc<SubscriberResource>, kind: Kind) -> Term<'a> {
+fn subscriber_request<'a>(
+    env: Env<'a>,
+    resource: ResourceArc<SubscriberResource>,
+    kind: Kind,
+) -> Term<'a> {
     let shared = &resource.0;
     let id = shared.last_request.fetch_add(1, Ordering::Relaxed);
-    let request = Request { id, what: Wanted { from: env.pid(), kind } };
+    let request = Request {
+        id,
+        what: Wanted {
+            from: env.pid(),
+            kind,
+        },
+    };
     let refused = shared.change(|state| match state {
         State { closing: true, .. } => Some(atoms::closed()),
-        State { demand, .. } if demand.is_active() && matches!(kind, Kind::Next) => Some(atoms::active()),
+        State { demand, .. } if demand.is_active() && matches!(kind, Kind::Next) => {
+            Some(atoms::active())
+        }
         State { demand, .. } => {
             demand.request(request);
             None
@@ -231,6 +268,7 @@ fn subscriber_close(env: Env, resource: ResourceArc<SubscriberResource>) -> bool
 /// The thread: takes messages from the ring and sends them on.
 struct Reader {
     ring: Subscriber,
+    policy: Policy,
     shared: Arc<Shared>,
     post: Post,
     last_error: Option<String>,
@@ -240,13 +278,25 @@ impl Reader {
     fn run(mut self) {
         while let Some(next) = self.shared.next() {
             match next {
-                Next::Answer(Request { id, what: Wanted { from, kind: Kind::Latest } }) => self.answer_latest(from, id),
+                Next::Answer(Request {
+                    id,
+                    what:
+                        Wanted {
+                            from,
+                            kind: Kind::Latest,
+                        },
+                }) => self.answer_latest(from, id),
                 Next::Answer(request) => self.answer(request),
                 Next::Deliver => self.deliver(),
                 Next::Park => {}
             }
         }
-        let Self { ring, shared, mut post, .. } = self;
+        let Self {
+            ring,
+            shared,
+            mut post,
+            ..
+        } = self;
         drop(ring);
         let mut state = shared.lock();
         state.ended = true;
@@ -259,7 +309,9 @@ impl Reader {
     }
 
     fn deliver(&mut self) {
-        let Some((meta, data)) = self.read() else { return self.sleep() };
+        let Some((meta, data)) = self.read() else {
+            return self.sleep();
+        };
         self.post.message(meta, data);
         if self.shared.lock().demand.delivered() {
             self.post.passive();
@@ -268,18 +320,24 @@ impl Reader {
 
     fn answer(&mut self, request: Request<Wanted>) {
         if let Some((meta, data)) = self.read() {
-            return self.post.answer(&request.what.from, request.id, Ok((meta, data)));
+            return self
+                .post
+                .answer(&request.what.from, request.id, Ok((meta, data)));
         }
         let cancelled = self.shared.lock().demand.postpone(request);
         match cancelled {
-            Some(request) => self.post.answer(&request.what.from, request.id, Err(atoms::timeout())),
+            Some(request) => {
+                self.post
+                    .answer(&request.what.from, request.id, Err(atoms::timeout()))
+            }
             None => self.sleep(),
         }
     }
 
     fn answer_latest(&mut self, from: LocalPid, id: u64) {
-        self.ring.skip_to_latest();
+        self.ring.set_policy(Policy::Latest);
         let result = self.read().ok_or_else(atoms::empty);
+        self.ring.set_policy(self.policy);
         self.post.answer(&from, id, result);
     }
 
@@ -287,10 +345,10 @@ impl Reader {
     fn read(&mut self) -> Option<(Meta, Buffer)> {
         loop {
             match self.ring.try_read_with(Buffer::with_len) {
-                Ok(ReadWith::Message(meta, data)) => return Some((meta, data)),
-                Ok(ReadWith::Nothing) => return None,
-                Ok(ReadWith::PublisherUp) => self.post.event(atoms::publisher_up()),
-                Ok(ReadWith::PublisherDown) => self.post.event(atoms::publisher_down()),
+                Ok(Received::Message(meta, data)) => return Some((meta, data)),
+                Ok(Received::Nothing) => return None,
+                Ok(Received::PublisherUp) => self.post.event(atoms::publisher_up()),
+                Ok(Received::PublisherDown) => self.post.event(atoms::publisher_down()),
                 Err(error) => {
                     self.report(&error);
                     return None;
@@ -334,31 +392,46 @@ impl Post {
     fn new(owner: LocalPid, reference: Reference) -> Self {
         let reference_env = OwnedEnv::new();
         let reference = reference_env.save(reference);
-        Self { owner, env: OwnedEnv::new(), reference, reference_env }
+        Self {
+            owner,
+            env: OwnedEnv::new(),
+            reference,
+            reference_env,
+        }
     }
 
     fn message(&mut self, meta: Meta, data: Buffer) {
         let owner = self.owner;
-        self.send(&owner, |env, reference| (atoms::bb_ring(), reference, terms::message(env, meta, data)).encode(env));
+        self.send(&owner, |env, reference| {
+            (atoms::bb_ring(), reference, terms::message(env, meta, data)).encode(env)
+        });
     }
 
     fn event(&mut self, event: Atom) {
         let owner = self.owner;
-        self.send(&owner, |env, reference| (atoms::bb_ring(), reference, event).encode(env));
+        self.send(&owner, |env, reference| {
+            (atoms::bb_ring(), reference, event).encode(env)
+        });
     }
 
     fn error(&mut self, error: &conduit_ring::Error) {
         let owner = self.owner;
-        self.send(&owner, |env, reference| (atoms::bb_ring(), reference, failure(env, error)).encode(env));
+        self.send(&owner, |env, reference| {
+            (atoms::bb_ring(), reference, failure(env, error)).encode(env)
+        });
     }
 
     fn passive(&mut self) {
         let owner = self.owner;
-        self.send(&owner, |env, reference| (atoms::bb_ring_passive(), reference).encode(env));
+        self.send(&owner, |env, reference| {
+            (atoms::bb_ring_passive(), reference).encode(env)
+        });
     }
 
     fn closed(&mut self, closer: &LocalPid) {
-        self.send(closer, |env, reference| (atoms::bb_ring_closed(), reference).encode(env));
+        self.send(closer, |env, reference| {
+            (atoms::bb_ring_closed(), reference).encode(env)
+        });
     }
 
     fn answer(&mut self, to: &LocalPid, id: u64, result: Result<(Meta, Buffer), Atom>) {
@@ -373,7 +446,12 @@ impl Post {
 
     /// A receiver that is gone wants nothing: its death ends the subscription by the monitor.
     fn send(&mut self, to: &LocalPid, build: impl for<'a> FnOnce(Env<'a>, Term<'a>) -> Term<'a>) {
-        let Self { env, reference, reference_env, .. } = self;
+        let Self {
+            env,
+            reference,
+            reference_env,
+            ..
+        } = self;
         let _ = env.send_and_clear(to, |env| {
             let reference = reference_env.run(|own| reference.load(own).in_env(env));
             build(env, reference)

@@ -52,7 +52,7 @@ pub struct InfoTerm {
     topic: String,
     slot_count: u32,
     slot_size: u32,
-    max_message_size: u32,
+    max_message_size: usize,
     published: u64,
     state: Atom,
     epoch: u32,
@@ -125,10 +125,20 @@ pub fn failure<'a>(env: Env<'a>, failed: &Error) -> Term<'a> {
         Error::LegacyInUse { path } => (atoms::legacy_topic(), text(path)).encode(env),
         Error::NoReaderSlot { path } => (atoms::no_reader_slot(), text(path)).encode(env),
         Error::NoTopic { path } => (atoms::no_topic(), text(path)).encode(env),
-        Error::BadSegment { path, fault } => (atoms::not_a_ring(), text(path), fault.to_string()).encode(env),
-        Error::Os { action, path, source } => {
-            (atoms::system(), text(path), *action, source.raw_os_error().unwrap_or(0)).encode(env)
+        Error::BadSegment { path, fault } => {
+            (atoms::not_a_ring(), text(path), fault.to_string()).encode(env)
         }
+        Error::Os {
+            action,
+            path,
+            source,
+        } => (
+            atoms::system(),
+            text(path),
+            *action,
+            source.raw_os_error().unwrap_or(0),
+        )
+            .encode(env),
         other => (atoms::invalid(), other.to_string()).encode(env),
     };
     error(env, reason)
