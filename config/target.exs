@@ -5,7 +5,9 @@ Application.start(:nerves_bootstrap)
 # The ring's topics live in a file system of their own: beyond its size, publishers get an error and nothing else on the board suffers.
 config :nerves, :erlinit, mount: "tmpfs:/dev/shm:tmpfs:nodev,nosuid,noexec:mode=1770,size=64m"
 
-config :nerves, :firmware, rootfs_overlay: "rootfs_overlay", provisioning: "firmware/provisioning.conf"
+config :nerves, :firmware,
+  rootfs_overlay: "rootfs_overlay",
+  provisioning: "firmware/provisioning.conf"
 
 config :nerves_runtime, :kernel, use_system_registry: false
 

@@ -107,11 +107,19 @@ defmodule BB.Ring do
   @spec format_error(term()) :: String.t()
   def format_error({:publisher_alive, 0}), do: "the topic has a live publisher"
   def format_error({:publisher_alive, pid}), do: "the topic has a live publisher (process #{pid})"
-  def format_error({:legacy_topic, path}), do: "#{path} belongs to a publisher without the extension and may be in use"
+
+  def format_error({:legacy_topic, path}),
+    do: "#{path} belongs to a publisher without the extension and may be in use"
+
   def format_error({:not_a_ring, path, text}), do: "#{path} is not a usable ring: #{text}"
   def format_error({:no_topic, path}), do: "#{path}: there is no such topic"
-  def format_error({:no_reader_slot, path}), do: "#{path} has 16 subscribers already, which is all it can have"
-  def format_error({:system, path, operation, errno}), do: "#{path}: #{operation} failed with errno #{errno}"
+
+  def format_error({:no_reader_slot, path}),
+    do: "#{path} has 16 subscribers already, which is all it can have"
+
+  def format_error({:system, path, operation, errno}),
+    do: "#{path}: #{operation} failed with errno #{errno}"
+
   def format_error({:thread, text}), do: "no thread could be started: #{text}"
   def format_error(:closed), do: "it is closed"
   def format_error(:message_too_large), do: "the message is longer than a slot of the topic"

@@ -52,7 +52,10 @@ defmodule Ganglion.Demo do
     screen? = not options.json and System.get_env("GANGLION_TERMINAL") == "1"
     if screen?, do: LogTail.attach(self())
 
-    {:ok, _} = Sim.start_link(buses: %{"i2c-1" => [devices: %{@imu_address => {Sim.Mpu6050, source: imu}}]})
+    {:ok, _} =
+      Sim.start_link(
+        buses: %{"i2c-1" => [devices: %{@imu_address => {Sim.Mpu6050, source: imu}}]}
+      )
 
     case Robot.start_link() do
       {:ok, robot} ->
@@ -106,7 +109,10 @@ defmodule Ganglion.Demo do
     demo = observe_topics(demo)
     view = view(demo)
     stop_robot(demo.robot)
-    if demo.options.json, do: print_json(Report.summary(view)), else: IO.write(["\n", Report.closing(view)])
+
+    if demo.options.json,
+      do: print_json(Report.summary(view)),
+      else: IO.write(["\n", Report.closing(view)])
   end
 
   defp stop_robot(robot) do
@@ -120,7 +126,9 @@ defmodule Ganglion.Demo do
     print_json(Map.put(Report.summary(view), :seconds, Float.round(view.seconds, 1)))
   end
 
-  defp show(%{screen?: true} = demo), do: IO.write([IO.ANSI.home(), IO.ANSI.clear(), Report.screen(view(demo))])
+  defp show(%{screen?: true} = demo),
+    do: IO.write([IO.ANSI.home(), IO.ANSI.clear(), Report.screen(view(demo))])
+
   defp show(demo), do: IO.write([Report.screen(view(demo)), "\n"])
 
   defp print_json(term), do: IO.puts(Json.encode(term))
@@ -129,7 +137,13 @@ defmodule Ganglion.Demo do
     %{
       observation: demo.observation,
       health: Enum.sort_by(BB.Sensor.health(Robot), & &1.name),
-      carried: for(name <- @carriers, {:ok, stats} <- [BB.Handoff.stats(Robot, name)], into: %{}, do: {name, stats}),
+      carried:
+        for(
+          name <- @carriers,
+          {:ok, stats} <- [BB.Handoff.stats(Robot, name)],
+          into: %{},
+          do: {name, stats}
+        ),
       topic_of: &Robot.topic/1,
       seconds: (now() - demo.started) / 1.0e9,
       now: now(),

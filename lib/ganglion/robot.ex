@@ -23,40 +23,44 @@ defmodule Ganglion.Robot do
   @tags_path [:sensor, :base_link, :camera_mount, :camera_link, :tags]
 
   settings do
-    name :ganglion
+    name(:ganglion)
   end
 
   sensors do
-    sensor :imu_outlet, {Outlet, from: @imu_path, topic: "imu", encoding: Encoding.Imu}
+    sensor(:imu_outlet, {Outlet, from: @imu_path, topic: "imu", encoding: Encoding.Imu})
 
-    sensor :tags_inlet,
-           {Inlet, topic: "tags", encoding: Encoding.TagDetections, to: @tags_path}
+    sensor(
+      :tags_inlet,
+      {Inlet, topic: "tags", encoding: Encoding.TagDetections, to: @tags_path}
+    )
   end
 
   topology do
     link :base_link do
-      sensor :imu, {Mpu6050, bus: "i2c-1", address: 0x68, rate: ~u(100 hertz)},
+      sensor(:imu, {Mpu6050, bus: "i2c-1", address: 0x68, rate: ~u(100 hertz)},
         required: true,
         max_silence: ~u(100 millisecond)
+      )
 
       joint :camera_mount do
-        type :fixed
+        type(:fixed)
 
         origin do
-          z ~u(0.1 meter)
+          z(~u(0.1 meter))
         end
 
         link :camera_link do
-          sensor :camera,
-                 {NativeProcess,
-                  program: "camera",
-                  topics: [topic: "camera"],
-                  args: {__MODULE__, :camera_args, []}}
+          sensor(
+            :camera,
+            {NativeProcess,
+             program: "camera", topics: [topic: "camera"], args: {__MODULE__, :camera_args, []}}
+          )
 
-          sensor :tags,
-                 {NativeProcess,
-                  program: "vision_tags",
-                  topics: [frames: "camera", imu: "imu", detections: "tags"]}
+          sensor(
+            :tags,
+            {NativeProcess,
+             program: "vision_tags", topics: [frames: "camera", imu: "imu", detections: "tags"]}
+          )
         end
       end
     end

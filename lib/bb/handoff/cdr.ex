@@ -19,8 +19,20 @@ defmodule BB.Handoff.Cdr do
 
   @header <<0, 1, 0, 0>>
 
-  @type type :: :i32 | :u32 | :u64 | :f32 | :f64 | :string | {:array, type(), pos_integer()} | {:sequence, type()} | [type()]
-  @type reason :: :not_little_endian_cdr | {:truncated, offset :: non_neg_integer()} | {:invalid, type(), offset :: non_neg_integer()}
+  @type type ::
+          :i32
+          | :u32
+          | :u64
+          | :f32
+          | :f64
+          | :string
+          | {:array, type(), pos_integer()}
+          | {:sequence, type()}
+          | [type()]
+  @type reason ::
+          :not_little_endian_cdr
+          | {:truncated, offset :: non_neg_integer()}
+          | {:invalid, type(), offset :: non_neg_integer()}
 
   @doc "The bytes of `values`, which must fit `types`."
   @spec encode([type()], [term()]) :: iodata()
@@ -47,7 +59,9 @@ defmodule BB.Handoff.Cdr do
   # Writing: the chunks so far, newest first, and their size.
 
   defp write(types, values, out) when is_list(types) and length(types) == length(values) do
-    types |> Enum.zip(values) |> Enum.reduce(out, fn {type, value}, out -> write(type, value, out) end)
+    types
+    |> Enum.zip(values)
+    |> Enum.reduce(out, fn {type, value}, out -> write(type, value, out) end)
   end
 
   defp write({:array, type, n}, values, out) when length(values) == n do
@@ -100,9 +114,14 @@ defmodule BB.Handoff.Cdr do
     text_size = max(size - 1, 0)
 
     case body do
-      <<_::binary-size(start), text::binary-size(text_size), 0, _::binary>> when size > 0 -> {text, start + size}
-      <<_::binary-size(start), _::binary>> when size == 0 -> {"", start}
-      _ -> malformed({:truncated, start})
+      <<_::binary-size(start), text::binary-size(text_size), 0, _::binary>> when size > 0 ->
+        {text, start + size}
+
+      <<_::binary-size(start), _::binary>> when size == 0 ->
+        {"", start}
+
+      _ ->
+        malformed({:truncated, start})
     end
   end
 
@@ -111,8 +130,11 @@ defmodule BB.Handoff.Cdr do
     start = offset + padding(offset, size)
 
     case body do
-      <<_::binary-size(start), bytes::binary-size(size), _::binary>> -> {parse(number, bytes, start), start + size}
-      _ -> malformed({:truncated, offset})
+      <<_::binary-size(start), bytes::binary-size(size), _::binary>> ->
+        {parse(number, bytes, start), start + size}
+
+      _ ->
+        malformed({:truncated, offset})
     end
   end
 

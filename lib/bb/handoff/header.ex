@@ -17,7 +17,11 @@ defmodule BB.Handoff.Header do
   """
   @spec values(integer(), atom()) :: [integer() | String.t()]
   def values(wall_time, frame_id) do
-    [Integer.floor_div(wall_time, @second), Integer.mod(wall_time, @second), Atom.to_string(frame_id)]
+    [
+      Integer.floor_div(wall_time, @second),
+      Integer.mod(wall_time, @second),
+      Atom.to_string(frame_id)
+    ]
   end
 
   @doc """
@@ -27,7 +31,8 @@ defmodule BB.Handoff.Header do
       {1_000_000_005, :imu}
   """
   @spec parse([integer() | String.t()]) :: {integer(), atom()}
-  def parse([seconds, nanoseconds, frame_id]), do: {seconds * @second + nanoseconds, known_atom(frame_id)}
+  def parse([seconds, nanoseconds, frame_id]),
+    do: {seconds * @second + nanoseconds, known_atom(frame_id)}
 
   defp known_atom(name) do
     String.to_existing_atom(name)

@@ -1,12 +1,20 @@
 defmodule BB.Handoff.Inlet do
   @schema BB.Options.new!(
             topic: [type: :string, required: true, doc: "The ring topic."],
-            encoding: [type: {:behaviour, BB.Handoff.Encoding}, required: true, doc: "How messages are encoded."],
-            to: [type: {:list, :atom}, doc: "The pubsub path; without it the sensor's own, `[:sensor | path]`."],
+            encoding: [
+              type: {:behaviour, BB.Handoff.Encoding},
+              required: true,
+              doc: "How messages are encoded."
+            ],
+            to: [
+              type: {:list, :atom},
+              doc: "The pubsub path; without it the sensor's own, `[:sensor | path]`."
+            ],
             credits: [
               type: {:in, 1..1024},
               default: 64,
-              doc: "Messages that may wait in the inlet's mailbox; what comes faster stays in the ring and may be lost there."
+              doc:
+                "Messages that may wait in the inlet's mailbox; what comes faster stays in the ring and may be lost there."
             ]
           )
 
@@ -62,7 +70,8 @@ defmodule BB.Handoff.Inlet do
 
   @impl BB.Sensor
   def handle_info({:bb_ring, ref, %Message{} = message}, %{ref: ref} = state) do
-    {:noreply, %{state | lost: state.lost + message.lost} |> publish(message.data) |> use_credit()}
+    {:noreply,
+     %{state | lost: state.lost + message.lost} |> publish(message.data) |> use_credit()}
   end
 
   def handle_info({:bb_ring, ref, {:error, reason}}, %{ref: ref} = state) do
@@ -87,7 +96,12 @@ defmodule BB.Handoff.Inlet do
         %{state | published: state.published + 1, decodes?: true}
 
       {:error, reason} ->
-        if state.decodes?, do: Logger.warning("#{state.name}: a message on the ring does not decode: #{inspect(reason)}")
+        if state.decodes?,
+          do:
+            Logger.warning(
+              "#{state.name}: a message on the ring does not decode: #{inspect(reason)}"
+            )
+
         %{state | malformed: state.malformed + 1, decodes?: false}
     end
   end

@@ -1,8 +1,16 @@
 defmodule BB.Handoff.Outlet do
   @schema BB.Options.new!(
-            from: [type: {:list, :atom}, required: true, doc: "The pubsub path, with everything below it."],
+            from: [
+              type: {:list, :atom},
+              required: true,
+              doc: "The pubsub path, with everything below it."
+            ],
             topic: [type: :string, required: true, doc: "The ring topic."],
-            encoding: [type: {:behaviour, BB.Handoff.Encoding}, required: true, doc: "How messages are encoded."],
+            encoding: [
+              type: {:behaviour, BB.Handoff.Encoding},
+              required: true,
+              doc: "How messages are encoded."
+            ],
             slot_count: [type: :pos_integer, default: 16, doc: "As in `BB.Ring.Publisher`."],
             slot_size: [type: :pos_integer, default: 4096, doc: "As in `BB.Ring.Publisher`."]
           )
@@ -56,7 +64,9 @@ defmodule BB.Handoff.Outlet do
   def handle_info(_other, state), do: {:noreply, state}
 
   @impl BB.Sensor
-  def handle_call(:stats, _from, state), do: {:reply, Map.take(state, [:published, :too_large]), state}
+  def handle_call(:stats, _from, state),
+    do: {:reply, Map.take(state, [:published, :too_large]), state}
+
   def handle_call(_request, _from, state), do: {:reply, {:error, :not_implemented}, state}
 
   @impl BB.Sensor
@@ -72,7 +82,9 @@ defmodule BB.Handoff.Outlet do
 
   defp count_too_large(%{too_large: count} = state) do
     if count == 0 do
-      Logger.warning("#{List.last(state.path)}: a message is longer than the topic's slots and was dropped; raise slot_size")
+      Logger.warning(
+        "#{List.last(state.path)}: a message is longer than the topic's slots and was dropped; raise slot_size"
+      )
     end
 
     %{state | too_large: count + 1}

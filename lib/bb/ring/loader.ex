@@ -24,12 +24,10 @@ defmodule BB.Ring.Loader do
       @on_load :load_nif
 
       @doc false
-      def load_nif, do: BB.Ring.Loader.load()
+      def load_nif, do: :erlang.load_nif(BB.Ring.Loader.path(), 0)
     end
   end
 
   @doc false
-  def load do
-    :ganglion |> Application.app_dir(["priv", @library]) |> String.to_charlist() |> :erlang.load_nif(0)
-  end
+  def path, do: :ganglion |> Application.app_dir(["priv", @library]) |> String.to_charlist()
 end

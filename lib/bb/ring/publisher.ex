@@ -3,12 +3,14 @@ defmodule BB.Ring.Publisher do
             slot_count: [
               type: {:custom, BB.Ring.Publisher, :check_slot_count, []},
               default: 16,
-              doc: "Number of slots: a power of two up to 65536. Set either this and `slot_size`, or `depth` and `max_message_size`."
+              doc:
+                "Number of slots: a power of two up to 65536. Set either this and `slot_size`, or `depth` and `max_message_size`."
             ],
             slot_size: [
               type: {:in, 21..0x4000_0000},
               default: 4096,
-              doc: "Bytes of a slot, including its header of 20 bytes; rounded up to a multiple of 64."
+              doc:
+                "Bytes of a slot, including its header of 20 bytes; rounded up to a multiple of 64."
             ],
             depth: [
               type: {:in, 1..65_536},
@@ -20,20 +22,22 @@ defmodule BB.Ring.Publisher do
             ],
             content: [
               type: :string,
-              doc: "Name of the encoding, such as `\"sensor_msgs/msg/Imu\"`, so that tools can decode. None: raw bytes."
+              doc:
+                "Name of the encoding, such as `\"sensor_msgs/msg/Imu\"`, so that tools can decode. None: raw bytes."
             ],
             mode: [type: {:in, 0..0o777}, default: 0o660, doc: "Permissions of the file."],
             force: [
               type: :boolean,
               default: false,
-              doc: "Replace a file of a publisher without the extension, although it may be in use."
+              doc:
+                "Replace a file of a publisher without the extension, although it may be in use."
             ]
           )
 
   @moduledoc """
   The writing end of a topic.
 
-  A topic has one publisher at a time, in any process of the machine. It belongs to the process that opened it: when that process
+  A topic has one publisher at a time, in any process of the machine. As a port, it belongs to the process that opened it: when that process
   dies, the topic is left to a successor, which goes on in place; `close/1` ends the topic. Any process may publish through it.
 
   ## Options
@@ -72,7 +76,8 @@ defmodule BB.Ring.Publisher do
   The bytes of `iodata` are gathered straight into the slot. A message of more than 64 KiB is copied on a dirty scheduler.
   """
   @spec publish(t(), iodata()) :: :ok | {:error, :message_too_large | :closed}
-  def publish(%__MODULE__{handle: handle}, data) when is_binary(data) and byte_size(data) <= @normal_limit do
+  def publish(%__MODULE__{handle: handle}, data)
+      when is_binary(data) and byte_size(data) <= @normal_limit do
     publish(&Native.publish_binary/2, handle, data)
   end
 
@@ -111,7 +116,8 @@ defmodule BB.Ring.Publisher do
 
   def check_slot_count(value), do: slot_count_error(value)
 
-  defp slot_count_error(value), do: {:error, "expected a power of two from 1 to 65536, got: #{inspect(value)}"}
+  defp slot_count_error(value),
+    do: {:error, "expected a power of two from 1 to 65536, got: #{inspect(value)}"}
 
   # Another process is in the middle of a publish on this ring: let it run.
   defp publish(native, handle, data) do
@@ -130,14 +136,27 @@ defmodule BB.Ring.Publisher do
   defp native_options(opts) do
     checked = BB.Options.validate!(opts, @schema)
     {count, size} = slots!(opts, checked)
-    %{slot_count: count, slot_size: size, content: checked[:content], mode: checked[:mode], force: checked[:force]}
+
+    %{
+      slot_count: count,
+      slot_size: size,
+      content: checked[:content],
+      mode: checked[:mode],
+      force: checked[:force]
+    }
   end
 
   defp slots!(given, checked) do
     case {checked[:depth], checked[:max_message_size], given[:slot_count] || given[:slot_size]} do
-      {nil, nil, _} -> {checked[:slot_count], checked[:slot_size]}
-      {depth, size, nil} when depth != nil and size != nil -> {power_of_two(depth), size + 20}
-      _ -> raise ArgumentError, "set slot_count and slot_size, or depth and max_message_size, got: #{inspect(given)}"
+      {nil, nil, _} ->
+        {checked[:slot_count], checked[:slot_size]}
+
+      {depth, size, nil} when depth != nil and size != nil ->
+        {power_of_two(depth), size + 20}
+
+      _ ->
+        raise ArgumentError,
+              "set slot_count and slot_size, or depth and max_message_size, got: #{inspect(given)}"
     end
   end
 

@@ -6,7 +6,8 @@ defmodule BB.Ring.Subscriber do
               doc: "Delivery from the start, as `active/2` sets it."
             ],
             start: [
-              type: {:or, [{:in, [:new, :latest]}, {:tuple, [{:in, [:history]}, {:in, 1..65_536}]}]},
+              type:
+                {:or, [{:in, [:new, :latest]}, {:tuple, [{:in, [:history]}, {:in, 1..65_536}]}]},
               default: :new,
               doc:
                 "Where to begin: `:new` messages only, the `:latest` one that there is, or `{:history, n}`: the last `n` that the ring still has."
@@ -14,7 +15,8 @@ defmodule BB.Ring.Subscriber do
             policy: [
               type: {:in, [:all, :latest]},
               default: :all,
-              doc: "`:all` messages in order, or only the `:latest` at each read; those skipped are counted in `lost`."
+              doc:
+                "`:all` messages in order, or only the `:latest` at each read; those skipped are counted in `lost`."
             ]
           )
 
@@ -22,7 +24,8 @@ defmodule BB.Ring.Subscriber do
   The reading end of a topic.
 
   A subscriber may be opened before its topic exists; it attaches when the topic appears, and again when the publisher came back with a new
-  file. It belongs to the process that opened it, gets its messages there, and ends with it.
+  file. As a port, it belongs to the process that opened it: its messages go there,
+  and it ends with that process or by `close/1`.
 
   ## Active
 
@@ -64,7 +67,8 @@ defmodule BB.Ring.Subscriber do
     opts = BB.Options.validate!(opts, @schema)
     ref = make_ref()
 
-    with {:ok, handle} <- Native.subscriber_open(topic, ref, Map.new(Keyword.take(opts, [:start, :policy]))) do
+    with {:ok, handle} <-
+           Native.subscriber_open(topic, ref, Map.new(Keyword.take(opts, [:start, :policy]))) do
       subscriber = %__MODULE__{handle: handle, ref: ref, topic: topic}
       _ = active(subscriber, opts[:active])
       {:ok, subscriber}
@@ -89,7 +93,8 @@ defmodule BB.Ring.Subscriber do
   @spec recv(t(), timeout()) :: {:ok, Message.t()} | {:error, :timeout | :closed | :active}
   def recv(subscriber, timeout \\ :infinity)
 
-  def recv(%__MODULE__{handle: handle, ref: ref}, timeout) when timeout == :infinity or (is_integer(timeout) and timeout >= 0) do
+  def recv(%__MODULE__{handle: handle, ref: ref}, timeout)
+      when timeout == :infinity or (is_integer(timeout) and timeout >= 0) do
     with {:ok, id} <- Native.subscriber_request(handle, :next) do
       receive do
         {:bb_ring_reply, ^ref, ^id, result} -> result
@@ -100,7 +105,8 @@ defmodule BB.Ring.Subscriber do
   end
 
   def recv(%__MODULE__{}, timeout) do
-    raise ArgumentError, "a timeout is a number of milliseconds or :infinity, got: #{inspect(timeout)}"
+    raise ArgumentError,
+          "a timeout is a number of milliseconds or :infinity, got: #{inspect(timeout)}"
   end
 
   @doc "The newest message that was not read yet; those before it are skipped, and counted as lost. `{:error, :empty}` when there is none."
@@ -126,10 +132,13 @@ defmodule BB.Ring.Subscriber do
   end
 
   @doc false
-  def check_active(active) when is_boolean(active) or active == :once or active in -32_768..32_767, do: {:ok, active}
+  def check_active(active)
+      when is_boolean(active) or active == :once or active in -32_768..32_767,
+      do: {:ok, active}
 
   def check_active(other) do
-    {:error, "expected true, false, :once or a number from -32768 to 32767, got: #{inspect(other)}"}
+    {:error,
+     "expected true, false, :once or a number from -32768 to 32767, got: #{inspect(other)}"}
   end
 
   # The answer may be on its way: it is taken, lest a message be lost.

@@ -3,17 +3,20 @@ defmodule BB.Sensor.NativeProcess do
             program: [
               type: :string,
               required: true,
-              doc: "One of the programs in the application's `priv/bin`, a path, or a name to be found in `PATH`."
+              doc:
+                "One of the programs in the application's `priv/bin`, a path, or a name to be found in `PATH`."
             ],
             topics: [
               type: :keyword_list,
               default: [],
-              doc: "The ring topics that it works with, given to it as options: `frames: \"camera\"` becomes `--frames camera`."
+              doc:
+                "The ring topics that it works with, given to it as options: `frames: \"camera\"` becomes `--frames camera`."
             ],
             args: [
               type: {:or, [{:list, :string}, {:tuple, [:atom, :atom, {:list, :any}]}]},
               default: [],
-              doc: "Further arguments, or `{module, function, arguments}` that gives them at each start."
+              doc:
+                "Further arguments, or `{module, function, arguments}` that gives them at each start."
             ],
             env: [
               type: {:list, {:tuple, [:string, :string]}},
@@ -65,8 +68,18 @@ defmodule BB.Sensor.NativeProcess do
     name = List.last(opts[:bb].path)
 
     case find_program(opts[:program]) do
-      {:ok, program} -> {:ok, %{port: start(program, opts), name: name, level: opts[:log_level], grace_ms: opts[:grace_ms], line: []}}
-      :error -> {:stop, {:program_not_found, opts[:program]}}
+      {:ok, program} ->
+        {:ok,
+         %{
+           port: start(program, opts),
+           name: name,
+           level: opts[:log_level],
+           grace_ms: opts[:grace_ms],
+           line: []
+         }}
+
+      :error ->
+        {:stop, {:program_not_found, opts[:program]}}
     end
   end
 
@@ -112,11 +125,13 @@ defmodule BB.Sensor.NativeProcess do
       :hide,
       line: @longest_line,
       args: guard_args ++ topic_args(opts[:topics]) ++ args(opts[:args]),
-      env: for({key, value} <- opts[:env], do: {String.to_charlist(key), String.to_charlist(value)})
+      env:
+        for({key, value} <- opts[:env], do: {String.to_charlist(key), String.to_charlist(value)})
     ])
   end
 
-  defp topic_args(topics), do: Enum.flat_map(topics, fn {key, topic} -> ["--" <> dashed(key), topic] end)
+  defp topic_args(topics),
+    do: Enum.flat_map(topics, fn {key, topic} -> ["--" <> dashed(key), topic] end)
 
   defp dashed(key), do: key |> to_string() |> String.replace("_", "-")
 

@@ -42,11 +42,18 @@ defmodule Ganglion.Demo.Observation do
     counter =
       case observation.topics do
         # A topic that was made anew counts from the start again.
-        %{^info.topic => {%{count: count} = counter, _}} when info.published >= count -> advance(counter, info.published, now)
-        _ -> start(info.published, now)
+        %{^info.topic => {%{count: count} = counter, _}} when info.published >= count ->
+          advance(counter, info.published, now)
+
+        _ ->
+          start(info.published, now)
       end
 
-    lost = for reader <- info.readers, into: observation.lost, do: {{info.topic, reader.os_pid, reader.index}, reader.lost}
+    lost =
+      for reader <- info.readers,
+          into: observation.lost,
+          do: {{info.topic, reader.os_pid, reader.index}, reader.lost}
+
     %{observation | topics: Map.put(observation.topics, info.topic, {counter, info}), lost: lost}
   end
 
@@ -98,11 +105,19 @@ defmodule Ganglion.Demo.Observation do
 
   defp count_vision(observation, _payload, _now), do: observation
 
-  defp start(count, now), do: %{count: count, first: {count, now}, last: {count, now}, look: {count, now}}
+  defp start(count, now),
+    do: %{count: count, first: {count, now}, last: {count, now}, look: {count, now}}
+
   defp advance(counter, count, now), do: %{counter | count: count, last: {count, now}}
 
-  defp looked_at(counters), do: Map.new(counters, fn {key, {counter, value}} -> {key, {%{counter | look: counter.last}, value}} end)
+  defp looked_at(counters),
+    do:
+      Map.new(counters, fn {key, {counter, value}} ->
+        {key, {%{counter | look: counter.last}, value}}
+      end)
 
-  defp per_second({from, start}, {to, finish}) when finish > start, do: (to - from) * 1.0e9 / (finish - start)
+  defp per_second({from, start}, {to, finish}) when finish > start,
+    do: (to - from) * 1.0e9 / (finish - start)
+
   defp per_second(_from, _to), do: 0.0
 end

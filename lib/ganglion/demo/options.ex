@@ -36,8 +36,12 @@ defmodule Ganglion.Demo.Options do
     end
   end
 
-  defp refused("--seconds", value), do: "--seconds takes a whole number from 1 up, got: #{value || "nothing"}"
-  defp refused(option, nil) when option in ["--imu", "--frames"], do: "#{option} takes a path, got nothing"
+  defp refused("--seconds", value),
+    do: "--seconds takes a whole number from 1 up, got: #{value || "nothing"}"
+
+  defp refused(option, nil) when option in ["--imu", "--frames"],
+    do: "#{option} takes a path, got nothing"
+
   defp refused(option, _value), do: "unknown option #{option}; accepted: #{@accepted}"
 
   defp seconds(nil), do: {:ok, nil}

@@ -60,7 +60,8 @@ defmodule Ganglion.Demo.Report do
       for {name, sensor} <- Enum.sort(summary.sensors) do
         "  #{pad(name, 12)} #{pad(sensor.state, 8)} #{sensor.published} published, #{sensor.hz} Hz, #{sensor.restarts} restarts\n"
       end,
-      "  ", vision_line(view),
+      "  ",
+      vision_line(view),
       "  ring: #{summary.ring.lost} lost, #{summary.ring.torn} torn\n"
     ]
   end
@@ -76,7 +77,8 @@ defmodule Ganglion.Demo.Report do
   end
 
   # A message that came through the ring and did not decode. One that its publisher was killed in, or lapped, must never be among them.
-  defp torn(view), do: view.carried |> Map.values() |> Enum.map(&Map.get(&1, :malformed, 0)) |> Enum.sum()
+  defp torn(view),
+    do: view.carried |> Map.values() |> Enum.map(&Map.get(&1, :malformed, 0)) |> Enum.sum()
 
   defp sensor_row(sensor, view) do
     counter = counter(sensor, view)
@@ -127,18 +129,28 @@ defmodule Ganglion.Demo.Report do
   defp describe(%{too_large: too_large}), do: "#{too_large} too large"
   defp describe(_), do: ""
 
-  defp vector(%Vec3{x: x, y: y, z: z}), do: Enum.map_join([x, y, z], " ", &:erlang.float_to_binary(&1, decimals: 2))
+  defp vector(%Vec3{x: x, y: y, z: z}),
+    do: Enum.map_join([x, y, z], " ", &:erlang.float_to_binary(&1, decimals: 2))
 
   defp topics(view) do
     for {name, {counter, info}} <- Enum.sort(view.observation.topics) do
       lost = info.readers |> Enum.map(& &1.lost) |> Enum.sum()
-      [name, info.state, Float.round(Observation.rate(counter), 1), Observation.count(counter), lost, length(info.readers)]
+
+      [
+        name,
+        info.state,
+        Float.round(Observation.rate(counter), 1),
+        Observation.count(counter),
+        lost,
+        length(info.readers)
+      ]
     end
   end
 
   defp vision_line(%{observation: observation}) do
     latency =
-      case {Latency.quantile_us(observation.latency, 0.5), Latency.quantile_us(observation.latency, 0.99)} do
+      case {Latency.quantile_us(observation.latency, 0.5),
+            Latency.quantile_us(observation.latency, 0.99)} do
         {nil, nil} -> ""
         {p50, p99} -> ", captured to known: p50 #{ms(p50)}, p99 #{ms(p99)}"
       end
@@ -147,11 +159,29 @@ defmodule Ganglion.Demo.Report do
   end
 
   defp row([name, state, hz, count, age, restarts, value]) do
-    [pad(name, 12), pad(state, 8), lead(hz, 7), lead(count, 8), lead(age, 8), lead(restarts, 10), "  ", to_string(value), "\n"]
+    [
+      pad(name, 12),
+      pad(state, 8),
+      lead(hz, 7),
+      lead(count, 8),
+      lead(age, 8),
+      lead(restarts, 10),
+      "  ",
+      to_string(value),
+      "\n"
+    ]
   end
 
   defp topic_row([name, state, hz, count, lost, readers]) do
-    [pad(name, 12), pad(state, 8), lead(hz, 7), lead(count, 8), lead(lost, 8), lead(readers, 10), "\n"]
+    [
+      pad(name, 12),
+      pad(state, 8),
+      lead(hz, 7),
+      lead(count, 8),
+      lead(lost, 8),
+      lead(readers, 10),
+      "\n"
+    ]
   end
 
   defp pad(text, width), do: text |> to_string() |> String.pad_trailing(width)
@@ -163,5 +193,6 @@ defmodule Ganglion.Demo.Report do
 
   defp ms(us), do: "#{Float.round(us / 1000, 1)} ms"
 
-  defp cut(text, length), do: if(String.length(text) > length, do: String.slice(text, 0, length - 1) <> "…", else: text)
+  defp cut(text, length),
+    do: if(String.length(text) > length, do: String.slice(text, 0, length - 1) <> "…", else: text)
 end

@@ -9,14 +9,19 @@ use crate::exclusive::{Exclusive, Refused};
 use crate::terms::{self, InfoTerm, atoms, failure};
 
 /// Two processes that publish at once exclude each other here: the one that comes second is told to try again.
-pub struct PublisherResource(Exclusive<Abandoned>);
+pub struct PublisherResource(Exclusive<Held>);
 
 /// A publisher that, dropped, leaves its topic as it is, so that a successor goes on in place.
-struct Abandoned(Option<Publisher>);
+#[derive(Default)]
+struct Held {
+    publisher: Option<Publisher>,
+    /// Its own resource: as a port, a publisher lives until its owner dies or closes it, whoever refers to it.
+    alive: Option<ResourceArc<PublisherResource>>,
+}
 
-impl Drop for Abandoned {
+impl Drop for Held {
     fn drop(&mut self) {
-        if let Some(publisher) = self.0.take() {
+        if let Some(publisher) = self.publisher.take() {
             publisher.abandon();
         }
     }
@@ -64,11 +69,17 @@ fn publisher_open<'a>(env: Env<'a>, topic: &str, options: OpenOptions) -> NifRes
         Ok(publisher) => publisher,
         Err(error) => return Ok(failure(env, &error)),
     };
-    let resource = ResourceArc::new(PublisherResource(Exclusive::new(Abandoned(Some(
-        publisher,
-    )))));
-    // A dead owner has no monitor: the resource is then collected with the terms of this call.
-    let _monitor = resource.monitor(Some(env), &env.pid());
+    let held = Held {
+        publisher: Some(publisher),
+        alive: None,
+    };
+    let resource = ResourceArc::new(PublisherResource(Exclusive::new(held)));
+    let _free = resource
+        .0
+        .try_with(|held| held.alive = Some(resource.clone()));
+    if resource.monitor(Some(env), &env.pid()).is_none() {
+        resource.0.retire();
+    }
     Ok(terms::ok(env, resource))
 }
 
@@ -92,12 +103,12 @@ fn publish_large(resource: ResourceArc<PublisherResource>, data: Vec<Binary>) ->
 
 #[rustler::nif(schedule = "DirtyIo")]
 fn publisher_close(resource: ResourceArc<PublisherResource>) -> Atom {
-    match resource
-        .0
-        .try_with(|Abandoned(publisher)| publisher.take().map(Publisher::close))
-    {
-        Ok(Some(())) => rustler::types::atom::ok(),
-        Ok(None) => atoms::closed(),
+    match resource.0.try_with(std::mem::take) {
+        Ok(mut held) => held
+            .publisher
+            .take()
+            .map(Publisher::close)
+            .map_or_else(atoms::closed, |()| rustler::types::atom::ok()),
         Err(refused) => refused.into(),
     }
 }
@@ -106,7 +117,7 @@ fn publisher_close(resource: ResourceArc<PublisherResource>) -> Atom {
 fn publisher_info(env: Env, resource: ResourceArc<PublisherResource>) -> Term {
     match resource
         .0
-        .try_with(|Abandoned(publisher)| publisher.as_ref().map(Publisher::info))
+        .try_with(|held| held.publisher.as_ref().map(Publisher::info))
     {
         Ok(Some(info)) => terms::ok(env, InfoTerm::from(info)),
         Ok(None) => terms::error(env, atoms::closed()),
@@ -126,7 +137,7 @@ fn publish(
 ) -> Atom {
     match resource
         .0
-        .try_with(|Abandoned(publisher)| publisher.as_mut().map(write))
+        .try_with(|held| held.publisher.as_mut().map(write))
     {
         Ok(Some(Ok(_sequence))) => rustler::types::atom::ok(),
         Ok(Some(Err(error))) => terms::publish_error(&error),

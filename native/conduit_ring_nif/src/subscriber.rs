@@ -1,7 +1,7 @@
 //! The reading end of a topic as a resource, and the thread behind it, which alone touches the ring.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::sync::{Condvar, Mutex, MutexGuard};
 use std::time::Duration;
 
 use conduit_ring::{Meta, Policy, Received, Start, Subscriber, SubscriberOptions, Topic, Waker};
@@ -21,7 +21,7 @@ const STACK_SIZE: usize = 128 * 1024;
 const LONGEST_SLEEP: Duration = Duration::from_millis(500);
 
 /// See the module.
-pub struct SubscriberResource(Arc<Shared>);
+pub struct SubscriberResource(Shared);
 
 /// What the callers and the thread share.
 struct Shared {
@@ -59,12 +59,6 @@ impl Resource for SubscriberResource {
 
     /// The owner died.
     fn down<'a>(&'a self, _env: Env<'a>, _pid: LocalPid, _monitor: Monitor) {
-        self.0.close(None);
-    }
-}
-
-impl Drop for SubscriberResource {
-    fn drop(&mut self) {
         self.0.close(None);
     }
 }
@@ -189,12 +183,12 @@ fn subscriber_open<'a>(
         Ok(ring) => ring,
         Err(error) => return Ok(failure(env, &error)),
     };
-    let shared = Arc::new(Shared::new(ring.waker()));
     let owner = env.pid();
+    let resource = ResourceArc::new(SubscriberResource(Shared::new(ring.waker())));
     let reader = Reader {
         ring,
         policy: options.policy,
-        shared: shared.clone(),
+        resource: resource.clone(),
         post: Post::new(owner, reference),
         last_error: None,
     };
@@ -204,9 +198,9 @@ fn subscriber_open<'a>(
     if let Err(error) = thread.spawn(move || reader.run()) {
         return Ok(terms::error(env, (atoms::thread(), error.to_string())));
     }
-    let resource = ResourceArc::new(SubscriberResource(shared));
-    // A dead owner has no monitor: the resource is then collected with the terms of this call.
-    let _monitor = resource.monitor(Some(env), &owner);
+    if resource.monitor(Some(env), &owner).is_none() {
+        resource.0.close(None);
+    }
     Ok(terms::ok(env, resource))
 }
 
@@ -269,14 +263,15 @@ fn subscriber_close(env: Env, resource: ResourceArc<SubscriberResource>) -> bool
 struct Reader {
     ring: Subscriber,
     policy: Policy,
-    shared: Arc<Shared>,
+    /// As a port, a subscription lives until its owner dies or closes it, whoever refers to it.
+    resource: ResourceArc<SubscriberResource>,
     post: Post,
     last_error: Option<String>,
 }
 
 impl Reader {
     fn run(mut self) {
-        while let Some(next) = self.shared.next() {
+        while let Some(next) = self.resource.0.next() {
             match next {
                 Next::Answer(Request {
                     id,
@@ -293,12 +288,12 @@ impl Reader {
         }
         let Self {
             ring,
-            shared,
+            resource,
             mut post,
             ..
         } = self;
         drop(ring);
-        let mut state = shared.lock();
+        let mut state = resource.0.lock();
         state.ended = true;
         for request in state.demand.drain() {
             post.answer(&request.what.from, request.id, Err(atoms::closed()));
@@ -313,7 +308,7 @@ impl Reader {
             return self.sleep();
         };
         self.post.message(meta, data);
-        if self.shared.lock().demand.delivered() {
+        if self.resource.0.lock().demand.delivered() {
             self.post.passive();
         }
     }
@@ -324,7 +319,7 @@ impl Reader {
                 .post
                 .answer(&request.what.from, request.id, Ok((meta, data)));
         }
-        let cancelled = self.shared.lock().demand.postpone(request);
+        let cancelled = self.resource.0.lock().demand.postpone(request);
         match cancelled {
             Some(request) => {
                 self.post
@@ -375,8 +370,8 @@ impl Reader {
 
     /// A wait that fails at once must not become a busy loop.
     fn pause(&self) {
-        let state = self.shared.lock();
-        let _ = self.shared.changed.wait_timeout(state, LONGEST_SLEEP);
+        let state = self.resource.0.lock();
+        let _ = self.resource.0.changed.wait_timeout(state, LONGEST_SLEEP);
     }
 }
 

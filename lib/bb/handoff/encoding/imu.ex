@@ -15,7 +15,15 @@ defmodule BB.Handoff.Encoding.Imu do
   # header; orientation, angular velocity and linear acceleration, each with its covariance
   @vector {:array, :f64, 3}
   @covariance {:array, :f64, 9}
-  @types [Header.type(), {:array, :f64, 4}, @covariance, @vector, @covariance, @vector, @covariance]
+  @types [
+    Header.type(),
+    {:array, :f64, 4},
+    @covariance,
+    @vector,
+    @covariance,
+    @vector,
+    @covariance
+  ]
 
   @impl BB.Handoff.Encoding
   def content, do: "sensor_msgs/msg/Imu"
@@ -40,7 +48,16 @@ defmodule BB.Handoff.Encoding.Imu do
 
   @impl BB.Handoff.Encoding
   def decode(data) do
-    with {:ok, [header, [x, y, z, w], c_orientation, velocity, c_velocity, acceleration, c_acceleration]} <-
+    with {:ok,
+          [
+            header,
+            [x, y, z, w],
+            c_orientation,
+            velocity,
+            c_velocity,
+            acceleration,
+            c_acceleration
+          ]} <-
            Cdr.decode(data, @types) do
       {wall_time, frame_id} = Header.parse(header)
 

@@ -37,7 +37,11 @@ defmodule BB.Handoff.Encoding.TagDetections do
          {:ok, frame} <- parse_tail(tail) do
       {wall_time, frame_id} = Header.parse(header)
       attrs = Map.put(frame, :detections, Enum.map(detections, &parse_detection/1))
-      BB.Message.new(TagDetections, frame_id, attrs, monotonic_time: frame.capture_time, wall_time: wall_time)
+
+      BB.Message.new(TagDetections, frame_id, attrs,
+        monotonic_time: frame.capture_time,
+        wall_time: wall_time
+      )
     end
   end
 
