@@ -272,8 +272,8 @@ defmodule BB.RingTest do
       _publisher = open!(topic)
       for _ <- 1..16, do: subscribe!(topic)
       await_readers(topic, 16)
-      %{ref: ref} = subscribe!(topic, active: true)
-      assert_receive {:bb_ring, ^ref, {:error, {:no_reader_slot, _path}}}, 2000
+      assert {:error, {:no_reader_slot, _path} = reason} = Subscriber.open(topic)
+      assert Ring.format_error(reason) =~ "16 subscribers"
     end
   end
 
