@@ -25,14 +25,19 @@ defmodule BB.Bus.Sim.Server do
 
   @doc "The names of the buses that run now, sorted."
   @spec names() :: [String.t()]
-  def names, do: @registry |> Registry.select([{{:"$1", :_, :_}, [], [:"$1"]}]) |> Enum.sort()
+  def names do
+    @registry
+    |> Registry.select([{{:"$1", :_, :_}, [], [:"$1"]}])
+    |> Enum.filter(&(fetch(&1) != :error))
+    |> Enum.sort()
+  end
 
   @doc "The process of a bus."
   @spec fetch(String.t()) :: {:ok, pid()} | :error
   def fetch(name) do
-    case Registry.lookup(@registry, name) do
-      [{pid, _}] -> {:ok, pid}
-      [] -> :error
+    case Registry.whereis_name({@registry, name}) do
+      :undefined -> :error
+      pid -> {:ok, pid}
     end
   end
 

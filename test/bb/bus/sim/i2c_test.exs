@@ -99,6 +99,7 @@ defmodule BB.Bus.Sim.I2CTest do
     stop_supervised!({Sim, [name]})
     assert I2C.read(bus, 0x42, 1) == {:error, {:errno, 19}}
     assert I2C.open(name) == {:error, :bus_not_found}
+    refute name in I2C.bus_names()
   end
 
   test "more than 8192 bytes at once are refused", %{bus: bus} do
