@@ -1,1 +1,2 @@
+BB.Test.Probe.setup()
 ExUnit.start(capture_log: true)

@@ -1,0 +1,58 @@
+defmodule BB.Supervisor do
+  @moduledoc """
+  The root of a robot's processes, registered under the robot's module.
+
+      MyRobot                          one_for_one
+      ├── MyRobot.Registry             names of components
+      ├── MyRobot.PubSub               the bus
+      └── topology                     BB.Supervisor.Part
+          ├── :battery                 BB.Component.Keeper ── BB.Component.Server
+          └── link :base_link          BB.Supervisor.Part
+              ├── :imu                 BB.Component.Keeper ── BB.Component.Server
+              └── joint :shoulder      BB.Supervisor.Part …
+
+  A component that crashes, hangs or misses its device is its keeper's matter alone (`BB.Component.Keeper`): no supervisor
+  notices, so none ever restarts for it.
+  """
+
+  use Supervisor
+
+  alias BB.Component.Options
+  alias BB.Options.ValidationError
+
+  @doc """
+  Starts a robot.
+
+  Options of a component that its schema refuses are a mistake in the robot's declaration: nothing is started then, and the
+  result is `{:error, error}` with a `BB.Options.ValidationError`. `Exception.message(error)` is a sentence for people, which
+  ends in the path of the component:
+
+      unknown options [:buss], valid options are: [:bus, :rate] (in options [:base_link, :imu])
+
+  `opts` are the robot's options; there are none yet.
+  """
+  @spec start_link(module(), keyword()) :: Supervisor.on_start() | {:error, ValidationError.t()}
+  def start_link(robot, opts \\ []) do
+    with {:ok, _opts} <- BB.Options.validate(opts, []),
+         :ok <- check(robot.robot().components),
+         do: Supervisor.start_link(__MODULE__, robot, name: robot)
+  end
+
+  @impl Supervisor
+  def init(robot) do
+    children = [
+      {Registry, keys: :unique, name: BB.Process.registry_name(robot)},
+      {BB.PubSub, robot},
+      {BB.Supervisor.Part, {robot, nil}}
+    ]
+
+    Supervisor.init(children, strategy: :one_for_one)
+  end
+
+  defp check([]), do: :ok
+
+  defp check([component | rest]) do
+    with {:ok, _options} <- Options.check(component.module, component.options, component.path),
+         do: check(rest)
+  end
+end
