@@ -14,10 +14,11 @@ defmodule BB.Bus.SimTest do
 
     @impl true
     def init(opts, now_ns) do
-      case Keyword.validate!(opts, last: "?", error: nil) do
-        [error: nil, last: last] -> {:ok, %{last: last, powered_ns: now_ns}}
-        opts -> {:error, opts[:error]}
-      end
+      opts = Keyword.validate!(opts, last: "?", error: nil)
+
+      if opts[:error],
+        do: {:error, opts[:error]},
+        else: {:ok, %{last: opts[:last], powered_ns: now_ns}}
     end
 
     @impl true
@@ -228,19 +229,22 @@ defmodule BB.Bus.SimTest do
     end
 
     test "holds the bus for the others, and orders are obeyed meanwhile", %{name: name} do
-      {:ok, bus} = I2C.open(name, timeout: 200)
+      {:ok, bus} = I2C.open(name, timeout: 500)
       :ok = Sim.fault(name, 0x10, {:timeout, 2})
       test = self()
-      spawn_link(fn -> send(test, {:stuck, I2C.read(bus, 0x10, 1)}) end)
+      started_ms = now_ms()
+      spawn_link(fn -> send(test, {:stuck, I2C.read(bus, 0x10, 1), now_ms()}) end)
       wait_until(fn -> held?(name) end)
-      spawn_link(fn -> send(test, {:waited, I2C.read(bus, 0x11, 1)}) end)
+      spawn_link(fn -> send(test, {:waited, I2C.read(bus, 0x11, 1), now_ms()}) end)
 
       assert Sim.clear(name, 0x10) == :ok
       assert %{0x11 => %{transfers: 0}} = Sim.devices(name)
-      assert_receive first, 2000
-      assert first == {:stuck, {:error, :timeout}}
-      assert_receive {:waited, {:ok, "?"}}, 2000
+      assert_receive {:stuck, {:error, :timeout}, _}, 5000
+      assert_receive {:waited, {:ok, "?"}, ended_ms}, 5000
+      assert ended_ms - started_ms >= 500
     end
+
+    defp now_ms, do: System.monotonic_time(:millisecond)
 
     # The first attempt has met the fault, so it holds the bus.
     defp held?(name), do: Sim.devices(name)[0x10].fault == {:timeout, 1}
