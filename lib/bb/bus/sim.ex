@@ -2,14 +2,14 @@ defmodule BB.Bus.Sim do
   @moduledoc """
   Simulated I2C buses: a robot without its hardware, and hardware that breaks on demand.
 
-      {:ok, _} =
-        BB.Bus.Sim.start_link(
-          buses: %{"i2c-1" => [devices: %{0x68 => {BB.Bus.Sim.Mpu6050, source: :motion}}]}
-        )
-
-      {:ok, bus} = BB.Bus.Sim.I2C.open("i2c-1")
-      BB.Bus.Sim.I2C.write_read(bus, 0x68, <<0x75>>, 1)
-      #=> {:ok, <<0x68>>}
+      iex> devices = %{0x68 => {BB.Bus.Sim.Mpu6050, source: :motion}}
+      iex> {:ok, _pid} = BB.Bus.Sim.start_link(buses: %{"i2c-7" => [devices: devices]})
+      iex> {:ok, bus} = BB.Bus.Sim.I2C.open("i2c-7")
+      iex> BB.Bus.Sim.I2C.write_read(bus, 0x68, <<0x75>>, 1)
+      {:ok, <<0x68>>}
+      iex> BB.Bus.Sim.unplug("i2c-7", 0x68)
+      iex> BB.Bus.Sim.I2C.write_read(bus, 0x68, <<0x75>>, 1)
+      {:error, :i2c_nak}
 
   Drivers talk to a simulated bus by `BB.Bus.Sim.I2C`, which has the functions, results and error atoms of
   `Circuits.I2C`; they cannot tell the difference. This module is the other side, the hand that holds the wires: it plugs
@@ -65,7 +65,7 @@ defmodule BB.Bus.Sim do
         ]
 
   @typedoc """
-  What a faulty device does: not answer (`:nak`), hold the bus until the timeout (`:timeout`), lose the bus to another
+  What a faulty device does: not answer (`:nak`; `:enxio` where an adapter calls it so), hold the bus until the timeout (`:timeout`), lose the bus to another
   master (`:retry`), or fail with an error number of the kernel. `{kind, n}` lasts for `n` attempts, else until `clear/2`.
   """
   @type fault :: Fault.t()

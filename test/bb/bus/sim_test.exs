@@ -6,6 +6,7 @@ defmodule BB.Bus.SimTest do
   alias BB.Bus.Sim
   alias BB.Bus.Sim.I2C
 
+  doctest BB.Bus.Sim
   doctest BB.Bus.Sim.Fault
 
   # Remembers the bytes written last and reads them back, repeated.
@@ -182,7 +183,8 @@ defmodule BB.Bus.SimTest do
     end
 
     test "has the error atoms of Circuits", %{name: name, bus: bus} do
-      for {fault, error} <- [nak: :i2c_nak, retry: :retry] ++ [{{:errno, 5}, {:errno, 5}}] do
+      for {fault, error} <-
+            [nak: :i2c_nak, enxio: :enxio, retry: :retry] ++ [{{:errno, 5}, {:errno, 5}}] do
         :ok = Sim.fault(name, 0x10, {fault, 1})
         assert I2C.read(bus, 0x10, 1) == {:error, error}
       end

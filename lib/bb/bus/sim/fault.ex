@@ -4,13 +4,13 @@ defmodule BB.Bus.Sim.Fault do
   """
 
   @typedoc "One way to fail; the error atom is Circuits' name for it, except that `:nak` reads as `:i2c_nak`."
-  @type kind :: :nak | :timeout | :retry | {:errno, pos_integer()}
+  @type kind :: :nak | :enxio | :timeout | :retry | {:errno, pos_integer()}
 
   @typedoc "A way to fail until cleared, or for a number of attempts."
   @type t :: kind() | {kind(), pos_integer()}
 
   defguardp is_kind(kind)
-            when kind in [:nak, :timeout, :retry] or
+            when kind in [:nak, :enxio, :timeout, :retry] or
                    (is_tuple(kind) and tuple_size(kind) == 2 and elem(kind, 0) == :errno and
                       is_integer(elem(kind, 1)) and elem(kind, 1) > 0)
 
@@ -23,7 +23,7 @@ defmodule BB.Bus.Sim.Fault do
 
   def check!(other) do
     raise ArgumentError,
-          "expected a fault: :nak, :timeout, :retry, {:errno, n} or {one of these, times}, got: #{inspect(other)}"
+          "expected a fault: :nak, :enxio, :timeout, :retry, {:errno, n} or {one of these, times}, got: #{inspect(other)}"
   end
 
   @doc """
@@ -39,7 +39,7 @@ defmodule BB.Bus.Sim.Fault do
       {nil, nil}
   """
   @spec meet(t() | nil) ::
-          {:i2c_nak | :timeout | :retry | {:errno, pos_integer()} | nil, t() | nil}
+          {:i2c_nak | :enxio | :timeout | :retry | {:errno, pos_integer()} | nil, t() | nil}
   def meet(nil), do: {nil, nil}
   def meet(kind) when is_kind(kind), do: {error(kind), kind}
   def meet({kind, 1}), do: {error(kind), nil}

@@ -16,6 +16,7 @@ defmodule BB.Bus.Sim.I2C do
   |---|---|
   | `{:error, :bus_not_found}` | `open/2`: no bus of this name runs |
   | `{:error, :i2c_nak}` | nobody answers at the address, or the device refuses |
+  | `{:error, :enxio}` | the same, as some adapters say it; here only as a fault |
   | `{:error, :timeout}` | the device held the bus for the handle's timeout |
   | `{:error, :retry}` | the bus was lost to another master |
   | `{:error, {:errno, 9}}` | the handle is closed |

@@ -10,9 +10,9 @@ defmodule BB.Bus.Sim.Recording do
   and others may follow (a magnetometer, say), which are ignored. Every further line is one sample: as many numbers as there are
   columns, the time later than that of the line before. A recording holds SI units.
 
-      {:ok, recording} = BB.Bus.Sim.Recording.load("recording.csv")
-      BB.Bus.Sim.Recording.size(recording)
-      #=> 7000
+      iex> {:error, error} = BB.Bus.Sim.Recording.load("no_such_walk.csv")
+      iex> Exception.message(error)
+      "no_such_walk.csv: no such file or directory"
   """
 
   defmodule Error do
@@ -71,7 +71,21 @@ defmodule BB.Bus.Sim.Recording do
     end
   end
 
-  @doc "Reads a recording from the text of a file; `path` is for the errors."
+  @doc """
+  Reads a recording from the text of a file; `path` is for the errors.
+
+      iex> text = \"""
+      ...> Time (s),Gyroscope X (deg/s),Gyroscope Y (deg/s),Gyroscope Z (deg/s),Accelerometer X (g),Accelerometer Y (g),Accelerometer Z (g)
+      ...> 0.00,0,0,0,0,0,1
+      ...> 0.01,0,0,0,0,0,1
+      ...> \"""
+      iex> {:ok, recording} = BB.Bus.Sim.Recording.parse(text)
+      iex> BB.Bus.Sim.Recording.size(recording)
+      2
+      iex> {:error, error} = BB.Bus.Sim.Recording.parse(text <> "0.02,0,oops,0,0,0,1", "walk.csv")
+      iex> Exception.message(error)
+      ~s(walk.csv:4: expected a number, found "oops")
+  """
   @spec parse(String.t(), Path.t()) :: {:ok, t()} | {:error, Error.t()}
   def parse(text, path \\ "(text)") do
     [header | lines] = text |> String.trim_trailing() |> String.split(["\r\n", "\n"])

@@ -3,6 +3,8 @@ defmodule BB.Bus.Sim.RecordingTest do
 
   alias BB.Bus.Sim.Recording
 
+  doctest BB.Bus.Sim.Recording
+
   @header "Time (s),Gyroscope X (deg/s),Gyroscope Y (deg/s),Gyroscope Z (deg/s)," <>
             "Accelerometer X (g),Accelerometer Y (g),Accelerometer Z (g)"
 

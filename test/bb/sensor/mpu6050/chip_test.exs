@@ -90,6 +90,7 @@ defmodule BB.Sensor.Mpu6050.ChipTest do
   test "each function tells what the bus said", %{chip: chip, name: name} do
     for {fault, reason} <- [
           nak: {:no_answer, name, @address},
+          enxio: {:no_answer, name, @address},
           timeout: {:timeout, name, @address},
           retry: {:bus, name, @address, :retry}
         ],
