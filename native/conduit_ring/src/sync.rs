@@ -1,0 +1,6 @@
+//! The atomics that the protocol is written with: core's, or loom's when the protocol is model-checked.
+
+#[cfg(not(loom))]
+pub(crate) use core::sync::atomic::{AtomicU32, AtomicU64, Ordering, fence};
+#[cfg(loom)]
+pub(crate) use loom::sync::atomic::{AtomicU32, AtomicU64, Ordering, fence};
