@@ -1,0 +1,3 @@
+//! Eyes for AprilTags.
+
+pub mod eye;
