@@ -63,7 +63,7 @@ defmodule Ganglion.Demo do
         {:ok, %__MODULE__{options: options, robot: robot, started: now(), screen?: screen?}}
 
       {:error, reason} ->
-        {:error, BB.Supervisor.format_error(reason)}
+        {:error, sentence(reason)}
     end
   end
 
@@ -160,7 +160,7 @@ defmodule Ganglion.Demo do
   defp imu_source(path) do
     case Sim.Recording.load(path) do
       {:ok, recording} -> {:ok, {:recording, recording}}
-      {:error, error} -> {:error, Exception.message(error)}
+      {:error, error} -> {:error, sentence(error)}
     end
   end
 
@@ -178,6 +178,9 @@ defmodule Ganglion.Demo do
       {text, _} -> {:error, String.trim(text)}
     end
   end
+
+  defp sentence(reason) when is_exception(reason), do: Exception.message(reason)
+  defp sentence(reason), do: Exception.format_exit(reason)
 
   defp fail(why, status) do
     IO.puts(:stderr, "demo: #{why}")

@@ -3,7 +3,6 @@ defmodule BB.SupervisorTest do
 
   import BB.Test.Robot
 
-
   defp probe_robot do
     robot do
       topology do

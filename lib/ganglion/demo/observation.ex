@@ -40,11 +40,11 @@ defmodule Ganglion.Demo.Observation do
   @spec topic(t(), BB.Ring.info(), integer()) :: t()
   def topic(observation, info, now) do
     counter =
-      case observation.topics do
-        # A topic that was made anew counts from the start again.
-        %{^info.topic => {%{count: count} = counter, _}} when info.published >= count ->
+      case Map.fetch(observation.topics, info.topic) do
+        {:ok, {counter, _}} when info.published >= counter.count ->
           advance(counter, info.published, now)
 
+        # A topic that was made anew counts from the start again.
         _ ->
           start(info.published, now)
       end

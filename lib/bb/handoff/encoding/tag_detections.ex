@@ -12,7 +12,7 @@ defmodule BB.Handoff.Encoding.TagDetections do
 
   alias BB.Handoff.{Cdr, Header}
   alias BB.Message.Vision.TagDetections
-  alias BB.Message.Vision.TagDetections.TagDetection
+  alias BB.Message.Vision.TagDetection
 
   @magic 0x54474E47
   @version 1
