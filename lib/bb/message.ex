@@ -33,6 +33,8 @@ defmodule BB.Message do
       schema when the module was compiled: a message is checked without walking the schema, and what it refuses is given to
       `BB.Options.validate/2`, which says why
 
+  A module that defines a `new/2` of its own keeps it, and reaches the checks by `BB.Message.new/3`.
+
   A key of the schema that is not a field of the struct is a `CompileError`. A `:float` field refuses integers: a driver that
   publishes `1` where it means `1.0` has likely forgotten to scale. Attributes are a keyword list or a map.
   """

@@ -24,6 +24,7 @@ defmodule BB.MessageTest do
       :wrapped,
       :keywords,
       :map,
+      :anything,
       :untouched,
       plain: :struct_default,
       atom: :a
@@ -47,6 +48,7 @@ defmodule BB.MessageTest do
           keys: [a: [type: :integer, default: 1], b: [type: :atom]]
         ],
         map: [type: {:map, :atom, :integer}],
+        anything: [type: :any],
         plain: [type: :atom],
         atom: [type: :atom, required: true]
       ]
@@ -249,14 +251,36 @@ defmodule BB.MessageTest do
     ]
   end
 
-  defp attrs do
-    keys = Keyword.keys(Mixed.schema().schema) ++ [:untouched]
-    some = oneof(fitting() ++ [{oneof(keys), value()}])
+  # Values beside those that fit by a hair.
+  defp near do
+    [
+      {:float, oneof([0.0, 0])},
+      {:rest, integer(-1, 1)},
+      {:choice, oneof([1, 1.0, :b])},
+      {:either, oneof([list(oneof([true, nil])), 0])},
+      {:list, list(oneof([0.0, {:a, integer(0, 2)}, {:a, 1, 1}]))},
+      {:nested, list(oneof([["s"], ["s", :s]]))},
+      {:pair, oneof([{1, [:a, "a"]}, {1, :a}, {nil, []}, {1, [], []}])},
+      {:struct, oneof([0.0, 0, %{__struct__: :other}])},
+      {:keywords, oneof([[a: 1], [a: 1, a: 2], [a: :a]])}
+    ]
+  end
 
-    bind(
-      frequency([{1, []}, {3, fixed_list(fitting())}]),
-      &map(list(some), fn more -> more ++ &1 end)
-    )
+  # Mostly each key once, all that is required, in any order: what a driver gives; and sometimes anything.
+  defp attrs do
+    keys = Keyword.keys(Mixed.schema().schema)
+    random = {oneof([:untouched | keys]), value()}
+    some = list(oneof(fitting() ++ near() ++ [random]))
+    required = fixed_list([{:float, float()}, {:atom, atom()}])
+
+    frequency([
+      {8,
+       map({some, required}, fn {some, required} ->
+         Enum.uniq_by(some ++ required, &elem(&1, 0))
+       end)},
+      {1, map({some, required}, fn {some, required} -> some ++ required end)},
+      {1, some}
+    ])
   end
 
   property "the compiled constructor and BB.Options agree", numtests: 2_000 do
@@ -268,6 +292,52 @@ defmodule BB.MessageTest do
       made = with {:ok, message} <- Mixed.new(:frame, attrs), do: {:ok, message.payload}
       assert made === expected
       true
+    end
+  end
+
+  test "what is valid never walks the schema" do
+    attrs = [
+      float: 1.0,
+      value: 1,
+      choice: nil,
+      either: [true, false],
+      list: [1.0, {:a, 1}],
+      nested: [["s"], []],
+      pair: {1, [:a]},
+      struct: Vec3.zero(),
+      custom: 1,
+      wrapped: :a,
+      map: %{a: 1},
+      anything: self(),
+      plain: :a,
+      atom: :a
+    ]
+
+    assert validated(fn -> Mixed.new(:frame, Enum.shuffle(attrs)) end) == 0
+
+    assert validated(fn -> Mixed.new(:frame, float: 1.0, atom: :a, either: 1.0, struct: 0) end) ==
+             0
+
+    assert validated(fn -> Mixed.new(:frame, float: 1) end) == 1
+  end
+
+  # How often BB.Options is asked by this process while `fun` runs.
+  defp validated(fun) do
+    :erlang.trace_pattern({BB.Options, :validate, 2}, true, [:local])
+    :erlang.trace(self(), true, [:call, {:tracer, tracer = spawn_link(&count/0)}])
+    fun.()
+    :erlang.trace(self(), false, [:call])
+    ref = :erlang.trace_delivered(self())
+    assert_receive {:trace_delivered, _, ^ref}
+    send(tracer, {:count, self()})
+    assert_receive {:count, count}
+    count
+  end
+
+  defp count(n \\ 0) do
+    receive do
+      {:trace, _, :call, _} -> count(n + 1)
+      {:count, to} -> send(to, {:count, n})
     end
   end
 

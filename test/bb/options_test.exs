@@ -249,24 +249,25 @@ defmodule BB.OptionsTest do
   end
 
   describe "new!" do
-    for {schema, reason} <- [
+    for {schema, reasons} <- [
           {[a: [type: :no]],
-           ~r/unknown type :no\.\n\nAvailable types: :any, .*\(in options \[:a\]\)/s},
-          {[a: [type: {:list, :no}]], ~r/invalid subtype given to :list type: unknown type :no/},
-          {[a: [type: {:or, [:atom, 1]}]], ~r/invalid subtype given to :or type: unknown type 1/},
+           ["unknown type :no.\n\nAvailable types: :any, ", " (in options [:a])"]},
+          {[a: [type: {:list, :no}]], ["invalid subtype given to :list type: unknown type :no"]},
+          {[a: [type: {:or, [:atom, 1]}]], ["invalid subtype given to :or type: unknown type 1"]},
           {[a: [requird: true]],
-           ~r/unknown options \[:requird\], valid options are: \[:type, :required/},
-          {[a: [required: 1]], ~r/invalid value for :required option: expected boolean, got: 1/},
-          {[a: :integer], ~r/invalid value for :a option: expected keyword list, got: :integer/},
-          {[a: [type: :integer, keys: []]], ~r/only a :keyword_list.*the type of :a is :integer/},
+           ["unknown options [:requird], valid options are: [:type, :required"]},
+          {[a: [required: 1]], ["invalid value for :required option: expected boolean, got: 1"]},
+          {[a: :integer], ["invalid value for :a option: expected keyword list, got: :integer"]},
+          {[a: [type: :integer, keys: []]],
+           ["only a :keyword_list", "the type of :a is :integer"]},
           {[a: [type: :keyword_list, keys: [b: [type: :no]]]],
-           ~r/unknown type :no.*in options \[:b\]/s},
-          {:schema, ~r/invalid options: expected keyword list, got: :schema/}
+           ["unknown type :no", "(in options [:b])"]},
+          {:schema, ["invalid options: expected keyword list, got: :schema"]}
         ] do
       test "refuses the schema #{inspect(schema)}" do
         error = assert_raise ArgumentError, fn -> Options.new!(unquote(Macro.escape(schema))) end
         assert error.message =~ "invalid BB.Options schema. Reason: "
-        assert error.message =~ unquote(Macro.escape(reason))
+        for reason <- unquote(reasons), do: assert(error.message =~ reason)
       end
     end
 

@@ -403,8 +403,8 @@ defmodule BB.PubSubTest do
 
     property "subscriptions, deliveries and their order are those of the model", numtests: 300 do
       forall steps <- list(step()) do
-        robot = Module.concat(__MODULE__, Modelled)
-        {:ok, bus} = PubSub.start_link(robot)
+        robot = Module.concat(__MODULE__, "Modelled#{System.unique_integer([:positive])}")
+        {:ok, _bus} = PubSub.start_link(robot)
         actors = Map.new(0..3, &{&1, actor()})
 
         actors = Enum.reduce(steps, actors, &act(&1, robot, &2))
@@ -419,7 +419,7 @@ defmodule BB.PubSubTest do
         end
 
         Enum.each(actors, fn {_, actor} -> stop(actor) end)
-        Supervisor.stop(bus)
+        Supervisor.stop(PubSub.registry_name(robot))
         true
       end
     end

@@ -9,6 +9,8 @@ defmodule BB.Math.Covariance3 do
   not known: see `unavailable/0`.
   """
 
+  alias BB.Math.{Quaternion, Vec3}
+
   @enforce_keys [:m]
   defstruct [:m]
 
@@ -61,4 +63,29 @@ defmodule BB.Math.Covariance3 do
   @doc "The nine elements, row by row."
   @spec to_list(t()) :: [float()]
   def to_list(%__MODULE__{m: m}), do: Tuple.to_list(m)
+
+  @doc """
+  The covariance of the quantities seen from axes that are turned: `rotation` takes the old axes' vectors to the new ones'.
+
+      iex> alias BB.Math.{Covariance3, Quaternion, Vec3}
+      iex> quarter = Quaternion.from_axis_angle(Vec3.unit_z(), :math.pi() / 2)
+      iex> turned = Covariance3.rotate(Covariance3.diagonal(1, 2, 3), quarter)
+      iex> for i <- 0..2, do: Float.round(Covariance3.at(turned, i, i), 12)
+      [2.0, 1.0, 3.0]
+  """
+  @spec rotate(t(), Quaternion.t()) :: t()
+  def rotate(%__MODULE__{} = covariance, %Quaternion{} = rotation),
+    do: covariance |> rotate_rows(rotation) |> transpose() |> rotate_rows(rotation)
+
+  # M · Rᵀ: each row is turned as a vector is.
+  defp rotate_rows(%__MODULE__{m: m}, rotation) do
+    m
+    |> Tuple.to_list()
+    |> Enum.chunk_every(3)
+    |> Enum.flat_map(&Vec3.to_list(Quaternion.rotate(rotation, Vec3.from_list(&1))))
+    |> new()
+  end
+
+  defp transpose(%__MODULE__{m: {a, b, c, d, e, f, g, h, i}}),
+    do: %__MODULE__{m: {a, d, g, b, e, h, c, f, i}}
 end

@@ -35,19 +35,7 @@ defmodule BB.Message.Compiler do
       @spec schema() :: BB.Options.t()
       def schema, do: @bb_message_schema
 
-      @doc """
-      A message with this payload: `{:ok, message}` or `{:error, %BB.Options.ValidationError{}}`.
-
-      #{BB.Options.docs(@bb_message_schema)}
-      """
-      @spec new(atom(), BB.Message.attrs()) ::
-              {:ok, BB.Message.t()} | {:error, BB.Options.ValidationError.t()}
-      def new(frame_id, attrs) do
-        case __payload__(attrs) do
-          {:ok, payload} -> {:ok, BB.Message.wrap(payload, frame_id)}
-          error -> error
-        end
-      end
+      unquote(unless Module.defines?(env.module, {:new, 2}), do: constructor())
 
       @doc false
       def __payload__(attrs) when is_map(attrs) and not is_struct(attrs),
@@ -67,6 +55,24 @@ defmodule BB.Message.Compiler do
         do: :refused
 
       unquote_splicing(List.flatten(helpers))
+    end
+  end
+
+  defp constructor do
+    quote do
+      @doc """
+      A message with this payload: `{:ok, message}` or `{:error, %BB.Options.ValidationError{}}`.
+
+      #{BB.Options.docs(@bb_message_schema)}
+      """
+      @spec new(atom(), BB.Message.attrs()) ::
+              {:ok, BB.Message.t()} | {:error, BB.Options.ValidationError.t()}
+      def new(frame_id, attrs) do
+        case __payload__(attrs) do
+          {:ok, payload} -> {:ok, BB.Message.wrap(payload, frame_id)}
+          error -> error
+        end
+      end
     end
   end
 
@@ -170,6 +176,8 @@ defmodule BB.Message.Compiler do
     end
   end
 
+  defp allow_unset({:test, true}, _var, false, _default), do: {:test, true}
+
   defp allow_unset({:test, test}, var, true, _default),
     do: {:test, quote(do: unquote(var) !== unquote(@unset) and unquote(test))}
 
@@ -210,7 +218,7 @@ defmodule BB.Message.Compiler do
     values = Enum.map(fields, &{&1.key, &1.value})
 
     steps =
-      for(%{check: {:test, test}} <- fields, do: quote(do: true <- unquote(test))) ++
+      for(%{check: {:test, test}} <- fields, test != true, do: quote(do: true <- unquote(test))) ++
         for %{check: {:cast, cast}, var: v} <- fields,
             do: quote(do: {:ok, unquote(v)} <- unquote(cast))
 

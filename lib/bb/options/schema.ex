@@ -14,7 +14,7 @@ defmodule BB.Options.Schema do
             type: {:custom, Type, :check, []},
             default: :any,
             required: false,
-            doc: "What the value must be; see the types above."
+            doc: "What the value must be, one of the types."
           ],
           required: [
             type: :boolean,

@@ -1,9 +1,9 @@
 defmodule BB.Message.PayloadsTest do
   use ExUnit.Case, async: true
 
-  alias BB.Math.{Quaternion, Vec3}
+  alias BB.Math.{Quaternion, Transform, Vec3}
   alias BB.Message
-  alias BB.Message.Sensor
+  alias BB.Message.{Geometry, Sensor}
   alias BB.Message.Vision.{TagDetection, TagDetections}
 
   @detection %TagDetection{
@@ -63,6 +63,13 @@ defmodule BB.Message.PayloadsTest do
     {Sensor.JointState, [names: [:elbow]], [positions: [], velocities: [], efforts: []]},
     {Sensor.Contact, [pressed: true], []},
     {Sensor.Status, [state: :up], [reason: nil, restarts: 0, retry_in_ms: nil]},
+    {Geometry.Pose, [transform: Transform.identity()], []},
+    {Geometry.Point3D, [vec: Vec3.zero()], []},
+    {Geometry.Twist, [linear: Vec3.zero(), angular: Vec3.zero()], []},
+    {Geometry.Accel, [linear: Vec3.zero(), angular: Vec3.zero()], []},
+    {Geometry.Wrench, [force: Vec3.zero(), torque: Vec3.zero()], []},
+    {Geometry.Twist2D, [vx: 1.0, vy: 0.0, omega: 0.0], []},
+    {Geometry.Wrench2D, [fx: 1.0, fy: 0.0, tau: 0.0], []},
     {TagDetections, [frame_sequence: 3, capture_time: -5, detections: [@detection]],
      [camera_frame_id: nil, image_width: nil, image_height: nil, angular_speed: nil]}
   ]
@@ -126,16 +133,56 @@ defmodule BB.Message.PayloadsTest do
 
   test "a wrong element of a JointState is reported by its place" do
     assert message(Sensor.JointState, positions: [0.0, 1]) ==
-             "invalid value for :positions option: expected element 1 to be a float, got: 1"
+             "invalid value for :positions option: expected element 1 to be a float, BB.Math.Transform2D or BB.Math.Transform, got: 1"
 
     assert message(Sensor.JointState, names: ["elbow"]) ==
              "invalid value for :names option: expected element 0 to be an atom, got: \"elbow\""
 
     assert message(Sensor.JointState, efforts: 1.0) ==
-             "invalid value for :efforts option: expected a list, each element a float, got: 1.0"
+             "invalid value for :efforts option: expected a list, each element a float, " <>
+               "BB.Message.Geometry.Wrench2D or BB.Message.Geometry.Wrench, got: 1.0"
 
     assert message(Sensor.JointState, velocities: [1.0 | 2.0]) =~
              "expected a list, each element a float"
+  end
+
+  test "a JointState takes transforms, twists and wrenches" do
+    twist = %Geometry.Twist2D{vx: 1.0, vy: 0.0, omega: 0.1}
+    wrench = %Geometry.Wrench{force: Vec3.zero(), torque: Vec3.zero()}
+
+    assert {:ok,
+            %{
+              payload: %{positions: [%Transform{}, 0.5], velocities: [^twist], efforts: [^wrench]}
+            }} =
+             Sensor.JointState.new(:frame,
+               names: [:a, :b],
+               positions: [Transform.identity(), 0.5],
+               velocities: [twist],
+               efforts: [wrench]
+             )
+
+    assert message(Sensor.JointState, positions: [twist]) =~ "expected element 0 to be a float, "
+  end
+
+  test "Geometry is made by position too" do
+    {a, b, motion} = {Vec3.new(1, 2, 3), Vec3.new(4, 5, 6), Transform.identity()}
+
+    for {made, payload} <- [
+          {Geometry.Pose.new(:f, motion), %Geometry.Pose{transform: motion}},
+          {Geometry.Point3D.new(:f, a), %Geometry.Point3D{vec: a}},
+          {Geometry.Twist.new(:f, a, b), %Geometry.Twist{linear: a, angular: b}},
+          {Geometry.Accel.new(:f, a, b), %Geometry.Accel{linear: a, angular: b}},
+          {Geometry.Wrench.new(:f, a, b), %Geometry.Wrench{force: a, torque: b}},
+          {Geometry.Twist2D.new(:f, 1.0, 2.0, 3.0),
+           %Geometry.Twist2D{vx: 1.0, vy: 2.0, omega: 3.0}},
+          {Geometry.Wrench2D.new(:f, 1.0, 2.0, 3.0),
+           %Geometry.Wrench2D{fx: 1.0, fy: 2.0, tau: 3.0}}
+        ] do
+      assert {:ok, %Message{frame_id: :f, payload: ^payload}} = made
+    end
+
+    assert {:error, %{key: :transform}} = Geometry.Pose.new(:f, transform: a)
+    assert {:error, %{key: :vx}} = Geometry.Twist2D.new(:f, 1, 2.0, 3.0)
   end
 
   test "a LaserScan's ranges are floats" do
