@@ -71,7 +71,6 @@ fn compare(name: &str, count: usize) {
             .filter(|tag| tag.id == *id)
             .map(|tag| deviation(&tag.corners, corners))
             .fold(f64::MAX, f64::min);
-        println!("{name}: {nearest:.4} px");
         assert!(
             nearest <= TOLERANCE_PX,
             "{name}: tag {id} at {corners:?} is {nearest} px off"
