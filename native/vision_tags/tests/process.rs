@@ -6,7 +6,7 @@ mod process;
 use camera::options::{Options, Picture};
 use camera::scene::{Scene, TAG_IDS};
 use conduit_ring::{
-    ContentTag, Geometry, Publisher, PublisherOptions, Read, Subscriber, Topic, clock,
+    ContentTag, Geometry, Info, Publisher, PublisherOptions, Read, Subscriber, Topic, clock,
 };
 use ganglion_messages::frame::{self, FrameHeader};
 use ganglion_messages::imu::{self, Imu};
@@ -298,6 +298,25 @@ fn a_detector_that_was_killed_is_followed_by_the_next_on_the_same_topic() {
             return;
         }
     }
+}
+
+#[test]
+fn when_it_ends_it_lets_go_of_the_topics_that_it_read() {
+    let setup = setup("let_go", &[]);
+    let _frames = open(&setup.frames, Some(frame::ENCODING), 10_000);
+    let mut samples = open(&setup.imu, Some(imu::ENCODING), 1000);
+    let topics = [setup.frames.clone(), setup.imu.clone()];
+    let readers = || {
+        topics
+            .each_ref()
+            .map(|topic| Info::read(topic).expect("a topic").readers.len())
+    };
+    while readers() != [1, 1] {
+        samples.publish(&Imu::default().encode()).expect("it fits");
+        thread::sleep(Duration::from_millis(1));
+    }
+    end(setup);
+    assert_eq!(readers(), [0, 0]);
 }
 
 #[test]
