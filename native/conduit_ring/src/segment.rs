@@ -363,10 +363,15 @@ pub(crate) fn realtime_ns() -> i64 {
 
 #[inline]
 fn clock_ns(id: libc::clockid_t) -> u64 {
-    let mut now = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    let mut now = libc::timespec {
+        tv_sec: 0,
+        tv_nsec: 0,
+    };
     // SAFETY: the timespec is exclusively borrowed; both clocks exist on every Linux that has OFD locks.
     unsafe { libc::clock_gettime(id, &mut now) };
-    (now.tv_sec as u64).wrapping_mul(1_000_000_000).wrapping_add(now.tv_nsec as u64)
+    (now.tv_sec as u64)
+        .wrapping_mul(1_000_000_000)
+        .wrapping_add(now.tv_nsec as u64)
 }
 
 /// A random number other than 0.
