@@ -1,6 +1,10 @@
 //! Photographs from files: their own grey, their order, and what is said of those that cannot be read.
 
+#[path = "../../program/tests/support/shared_data.rs"]
+mod shared_data;
+
 use camera::photographs::{self, Photograph, PhotographError};
+use shared_data::tags_folder;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -168,18 +172,9 @@ fn one_photograph_that_cannot_be_read_spoils_the_folder_and_is_named() {
     }
 }
 
-fn shared() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/tags");
-    let there = folder.is_dir();
-    if !there {
-        eprintln!("SKIPPED: there is no folder {}", folder.display());
-    }
-    there.then_some(folder)
-}
-
 #[test]
 fn real_photographs_are_read_and_cut_ones_are_refused() {
-    let Some(shared) = shared() else { return };
+    let Some(shared) = tags_folder() else { return };
     let all = photographs::read_folder(&shared).unwrap();
     assert_eq!(all.len(), 2);
     assert!(all.iter().all(|one| (one.width, one.height) == (799, 533)));

@@ -2,6 +2,8 @@
 
 #[path = "../../program/tests/support/process.rs"]
 mod process;
+#[path = "../../program/tests/support/shared_data.rs"]
+mod shared_data;
 
 use camera::options::{Options, Picture};
 use camera::scene::{Scene, TAG_IDS};
@@ -12,12 +14,14 @@ use ganglion_messages::frame::{self, FrameHeader};
 use ganglion_messages::imu::{self, Imu};
 use ganglion_messages::stamp::Stamp;
 use ganglion_messages::tags::{self, FrameSource, TagDetections};
-use process::{Process, await_end, call, next_message, said_one_line, subscribe, unique_topic};
+use process::{
+    PATIENCE, Process, await_end, call, next_message, said_one_line, subscribe, unique_topic,
+};
 use program::Log;
 use program::stop::Stop;
-use std::path::Path;
+use shared_data::tags_folder;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 const VISION_TAGS: &str = env!("CARGO_BIN_EXE_vision_tags");
 const RATE: f64 = 20.0;
@@ -153,11 +157,7 @@ fn the_tags_of_a_cameras_frames_are_told_with_their_true_places() {
 
 #[test]
 fn the_tags_of_photographs_are_told_photograph_by_photograph() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/tags");
-    if !folder.is_dir() {
-        eprintln!("SKIPPED: there is no folder {}", folder.display());
-        return;
-    }
+    let Some(folder) = tags_folder() else { return };
     let mut setup = setup("photographs", &[]);
     let _camera = Camera::showing(Picture::Photographs(folder), &setup.frames);
     let mut seen = [false; 2];
@@ -311,7 +311,9 @@ fn when_it_ends_it_lets_go_of_the_topics_that_it_read() {
             .each_ref()
             .map(|topic| Info::read(topic).expect("a topic").readers.len())
     };
+    let deadline = Instant::now() + PATIENCE;
     while readers() != [1, 1] {
+        assert!(Instant::now() < deadline, "it does not subscribe");
         samples.publish(&Imu::default().encode()).expect("it fits");
         thread::sleep(Duration::from_millis(1));
     }
