@@ -16,7 +16,7 @@ defmodule FirstLightTest do
   @address 0x68
 
   # The shipped robot's parts with a bus and topics of their own, so that tests run beside each other.
-  defp start_robot!(opts \\ []) do
+  defp start_robot!(opts) do
     bus = "i2c-test-#{System.unique_integer([:positive])}"
 
     devices =
@@ -159,9 +159,11 @@ defmodule FirstLightTest do
     next_tags()
 
     assert pids == Map.new(others, &{&1, BB.Process.whereis(robot, &1)})
+
     for [_ | _] = path <- [[:base_link, :imu], [:camera], [:imu_outlet], [:inlet]] do
       refute_received {:bb, [:sensor_status | ^path], _}
     end
+
     {:ok, %{published: now}} = BB.Handoff.stats(robot, :imu_outlet)
     assert now > before
     assert {:ok, %{epoch: 1}} = BB.Ring.info(tags)
@@ -206,47 +208,51 @@ defmodule FirstLightTest do
 
   describe "kill -9 of the BEAM" do
     test "leaves no native process, and the next one takes the rings over" do
-      topic = topic("camera")
-      beam = start_beam(topic)
-      [camera] = eventually(fn -> (pids = processes("camera", topic)) != [] && pids end, 30_000)
-      guards = processes("process_guard", topic)
-      {:ok, %{published: before}} = eventually(fn -> published_more(topic, 5) end)
+      topics = [frames, _own] = [topic("camera"), topic("own")]
+      beam = start_beam(topics)
+      natives = eventually(fn -> native_processes(frames) end, 30_000)
+      before = eventually(fn -> published(topics) end, 30_000)
       kill_9(beam.os_pid)
-      eventually(fn -> not Enum.any?([camera | guards], &running?/1) end)
+      eventually(fn -> not Enum.any?(natives, &running?/1) end)
 
-      next = start_beam(topic)
-
-      eventually(
-        fn ->
-          match?({:ok, %{state: :live}}, BB.Ring.info(topic)) && published_more(topic, before + 5)
-        end,
-        30_000
-      )
-
-      assert {:ok, %{epoch: 1}} = BB.Ring.info(topic)
+      next = start_beam(topics)
+      eventually(fn -> native_processes(frames) end, 30_000)
+      [_, own] = eventually(fn -> published(topics, Enum.map(before, & &1.published)) end, 30_000)
+      assert own.epoch == 1
       kill_9(next.os_pid)
-      eventually(fn -> processes("camera", topic) == [] end)
+      eventually(fn -> native_processes(frames) == nil end)
     end
 
-    defp published_more(topic, count) do
-      case BB.Ring.info(topic) do
-        {:ok, %{published: published} = info} when published > count -> {:ok, info}
-        _ -> nil
-      end
+    # The camera and its guard, once there are both.
+    defp native_processes(topic) do
+      pids = processes("camera", topic) ++ processes("process_guard", topic)
+      if length(pids) == 2, do: pids
     end
 
-    # Another BEAM with a robot whose one sensor is the camera.
-    defp start_beam(topic) do
+    # The topics, once each is live and has more messages than a number.
+    defp published(topics, more_than \\ [0, 0]) do
+      infos =
+        for topic <- topics, {:ok, %{state: :live} = info} <- [BB.Ring.info(topic)], do: info
+
+      [_, own_before] = more_than
+
+      if match?([%{published: n}, %{published: m}] when n > 0 and m > own_before, infos),
+        do: infos
+    end
+
+    # Another BEAM, with a robot whose one sensor is the camera, and a publisher of its own.
+    defp start_beam([frames, own]) do
       code = """
       defmodule OtherBeam do
         use BB
         sensors do
-          sensor :camera, {BB.Sensor.NativeProcess, program: "camera", topics: [topic: "#{topic}"]}
+          sensor :camera, {BB.Sensor.NativeProcess, program: "camera", topics: [topic: "#{frames}"]}
         end
       end
       {:ok, _} = Application.ensure_all_started(:ganglion)
       {:ok, _} = OtherBeam.start_link()
-      Process.sleep(:infinity)
+      {:ok, publisher} = BB.Ring.Publisher.open("#{own}")
+      Enum.each(Stream.cycle([:ok]), fn ok -> ^ok = BB.Ring.Publisher.publish(publisher, "alive") && Process.sleep(1) end)
       """
 
       ebin = Path.wildcard(Path.join(Mix.Project.build_path(), "lib/*/ebin"))

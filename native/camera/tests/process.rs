@@ -181,6 +181,20 @@ fn a_photograph_that_cannot_be_read_is_one_line_and_status_1_and_nothing_is_publ
 }
 
 #[test]
+fn a_check_needs_no_topic_and_says_the_same_of_photographs() {
+    let folder = folder("checked");
+    write_grey(&folder.join("a.png"), 3, 5, 1);
+    let check = ["--check", "--frames", folder.to_str().unwrap()];
+    let ended = call(CAMERA, &check);
+    assert_eq!((ended.status, ended.stderr.as_str()), (Some(0), ""));
+    fs::write(folder.join("broken.jpg"), "no picture").unwrap();
+    let ended = call(CAMERA, &check);
+    assert_eq!(ended.status, Some(1));
+    assert!(said_one_line(&ended, "camera"), "{ended:?}");
+    assert!(ended.stderr.contains("broken.jpg"), "{ended:?}");
+}
+
+#[test]
 fn a_folder_that_is_missing_or_empty_is_one_line_and_status_1() {
     let empty = folder("empty");
     for folder in [&empty, &empty.join("missing")] {
