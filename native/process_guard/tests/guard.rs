@@ -142,5 +142,6 @@ fn a_nice_program_gives_way_to_others() {
     BufReader::new(child.stdout.take().unwrap())
         .read_line(&mut line)
         .unwrap();
+    wait_with_stdin(child);
     assert_eq!(line, "7\n");
 }
