@@ -19,6 +19,7 @@ defmodule BB.Supervisor do
 
   alias BB.Component.Options
   alias BB.Options.ValidationError
+  alias BB.Supervisor.Successor
 
   @doc """
   Starts a robot.
@@ -41,8 +42,8 @@ defmodule BB.Supervisor do
   @impl Supervisor
   def init(robot) do
     children = [
-      {Registry, keys: :unique, name: BB.Process.registry_name(robot)},
-      {BB.PubSub, robot},
+      Successor.child_spec({Registry, keys: :unique, name: BB.Process.registry_name(robot)}),
+      Successor.child_spec({BB.PubSub, robot}),
       {BB.Supervisor.Part, {robot, nil}}
     ]
 

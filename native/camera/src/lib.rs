@@ -16,7 +16,7 @@ pub mod tag;
 
 use conduit_ring::{ContentTag, Geometry, Publisher, PublisherOptions, clock};
 use ganglion_messages::frame::{self, FrameHeader};
-use options::Options;
+use options::{Options, Picture};
 use pace::Pace;
 use program::stop::Stop;
 use program::{Failure, Log};
@@ -38,6 +38,14 @@ pub fn run(options: &Options, stop: &Stop, log: Log) -> Result<(), Failure> {
     let count = publish_all(&mut source, &mut publisher, options.rate_hz, stop)?;
     log.line(format_args!("stopped after {count} frames"));
     Ok(())
+}
+
+/// Looks whether the pictures can be used, and does nothing with them.
+///
+/// # Errors
+/// The same as [`run`]'s for such pictures.
+pub fn check(picture: &Picture) -> Result<(), Failure> {
+    Source::open(picture, 1.0).map(drop)
 }
 
 fn open(options: &Options, largest: usize) -> Result<Publisher, Failure> {

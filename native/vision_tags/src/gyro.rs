@@ -8,46 +8,57 @@ use program::Log;
 use program::stop::Stop;
 use std::io;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 const PAUSE_AFTER_ERROR: Duration = Duration::from_millis(500);
 
 /// What is known of the motion, filled by a thread of its own.
-#[derive(Clone, Default)]
+#[derive(Default)]
 pub struct Gyro {
     motion: Arc<Mutex<Motion>>,
+    thread: Option<JoinHandle<()>>,
 }
 
 impl Gyro {
     /// Starts to follow a topic, which need not exist yet, until the stop is requested.
     pub fn follow(topic: &Topic, stop: &Stop, log: Log) -> io::Result<Gyro> {
-        let gyro = Gyro::default();
+        let motion = Arc::default();
         let follower = Follower {
             topic: topic.clone(),
-            gyro: gyro.clone(),
+            motion: Arc::clone(&motion),
             stop: stop.clone(),
             log,
             complaints: Complaints::default(),
         };
-        let thread = thread::Builder::new().name("imu".into());
-        thread.spawn(move || follower.run())?;
-        Ok(gyro)
+        let builder = thread::Builder::new().name("imu".into());
+        let thread = builder.spawn(move || follower.run())?;
+        Ok(Gyro {
+            motion,
+            thread: Some(thread),
+        })
     }
 
     /// The angular speed at a moment of `CLOCK_MONOTONIC_RAW`, rad/s, if samples near it say so.
     pub fn angular_speed_at(&self, time_ns: u64) -> Option<f64> {
-        self.motion().angular_speed_at(time_ns)
+        lock(&self.motion).angular_speed_at(time_ns)
     }
 
-    fn motion(&self) -> MutexGuard<'_, Motion> {
-        self.motion.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Waits, after the stop was requested, until the topic is let go.
+    pub fn join(self) {
+        if let Some(thread) = self.thread {
+            let _ = thread.join();
+        }
     }
+}
+
+fn lock(motion: &Mutex<Motion>) -> MutexGuard<'_, Motion> {
+    motion.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 struct Follower {
     topic: Topic,
-    gyro: Gyro,
+    motion: Arc<Mutex<Motion>>,
     stop: Stop,
     log: Log,
     complaints: Complaints,
@@ -89,7 +100,7 @@ impl Follower {
             Ok(imu) => {
                 let offset_ns = clock::realtime_offset_ns();
                 let time_ns = sample_time_ns(imu.stamp.unix_ns(), meta.timestamp_ns, offset_ns);
-                self.gyro.motion().push(time_ns, imu.angular_velocity);
+                lock(&self.motion).push(time_ns, imu.angular_velocity);
             }
             Err(error) => self.complain(&error),
         }

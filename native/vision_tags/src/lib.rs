@@ -70,15 +70,11 @@ impl fmt::Display for Refusal {
 /// # Errors
 /// A detections' topic that has a live publisher; a topic that cannot be opened.
 pub fn run(options: &Options, stop: &Stop, log: Log) -> Result<(), Failure> {
-    let gyro = match &options.imu {
-        Some(topic) => Gyro::follow(topic, stop, log)
-            .map_err(|error| Failure::World(format!("no thread can be started: {error}")))?,
-        None => Gyro::default(),
-    };
     let publisher = publisher(&options.detections)?;
     let frames = subscriber(&options.frames)?;
     let waker = frames.waker();
     stop.wakes(move || waker.wake());
+    let gyro = gyro(options.imu.as_ref(), stop, log)?;
     log.line(format_args!(
         "looking for {} on ring topic {:?}, telling on {:?}",
         options.settings.family,
@@ -103,7 +99,16 @@ pub fn run(options: &Options, stop: &Stop, log: Log) -> Result<(), Failure> {
         watch.looked_at,
         watch.refused.total()
     ));
+    watch.gyro.join();
     Ok(())
+}
+
+fn gyro(topic: Option<&Topic>, stop: &Stop, log: Log) -> Result<Gyro, Failure> {
+    let Some(topic) = topic else {
+        return Ok(Gyro::default());
+    };
+    Gyro::follow(topic, stop, log)
+        .map_err(|error| Failure::World(format!("no thread can be started: {error}")))
 }
 
 fn publisher(topic: &Topic) -> Result<Publisher, Failure> {

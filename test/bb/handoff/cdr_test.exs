@@ -17,7 +17,10 @@ defmodule BB.Handoff.CdrTest do
       bind(list(integer(?a, ?z)), &{:string, List.to_string(&1)}),
       bind(list(float()), &{{:sequence, :f64}, &1}),
       bind(vector(3, integer(0, 9)), &{{:array, :u32, 3}, &1}),
-      bind(list(integer(0, 9)), &{{:sequence, [:u32, :u64]}, Enum.map(&1, fn n -> [n, n * 1_000_000_007] end)})
+      bind(
+        list(integer(0, 9)),
+        &{{:sequence, [:u32, :u64]}, Enum.map(&1, fn n -> [n, n * 1_000_000_007] end)}
+      )
     ])
   end
 
@@ -31,7 +34,9 @@ defmodule BB.Handoff.CdrTest do
 
   property "every number begins at a multiple of its size, counted after the header" do
     forall text <- list(integer(?a, ?z)) do
-      <<_header::32, body::binary>> = IO.iodata_to_binary(Cdr.encode([:string, :u64], [List.to_string(text), 7]))
+      <<_header::32, body::binary>> =
+        IO.iodata_to_binary(Cdr.encode([:string, :u64], [List.to_string(text), 7]))
+
       rem(byte_size(body), 8) == 0 and binary_part(body, byte_size(body), -8) == <<7::little-64>>
     end
   end
@@ -57,7 +62,8 @@ defmodule BB.Handoff.CdrTest do
   end
 
   test "a count that lies is an error, not an allocation" do
-    assert {:error, {:truncated, _}} = Cdr.decode(<<0, 1, 0, 0, 0xFFFFFFFF::32>>, [{:sequence, :f64}])
+    assert {:error, {:truncated, _}} =
+             Cdr.decode(<<0, 1, 0, 0, 0xFFFFFFFF::32>>, [{:sequence, :f64}])
   end
 
   test "a big-endian message or none at all is told apart" do

@@ -10,8 +10,15 @@ defmodule BB.Handoff.Encoding.ImuTest do
   @frame_id :imu_link
 
   defp message(attrs) do
-    defaults = [orientation: Quaternion.identity(), angular_velocity: Vec3.zero(), linear_acceleration: Vec3.zero()]
-    BB.Message.new!(Sensor.Imu, @frame_id, Keyword.merge(defaults, attrs), wall_time: 1_700_000_000_123_456_789)
+    defaults = [
+      orientation: Quaternion.identity(),
+      angular_velocity: Vec3.zero(),
+      linear_acceleration: Vec3.zero()
+    ]
+
+    BB.Message.new!(Sensor.Imu, @frame_id, Keyword.merge(defaults, attrs),
+      wall_time: 1_700_000_000_123_456_789
+    )
   end
 
   test "the vector that all languages share decodes to its values" do
@@ -45,7 +52,12 @@ defmodule BB.Handoff.Encoding.ImuTest do
   end
 
   test "a frame that is no atom here becomes :unknown" do
-    bytes = message([]) |> Imu.encode() |> IO.iodata_to_binary() |> String.replace("imu_link", "no_such_")
+    bytes =
+      message([])
+      |> Imu.encode()
+      |> IO.iodata_to_binary()
+      |> String.replace("imu_link", "no_such_")
+
     assert {:ok, %{frame_id: :unknown}} = Imu.decode(bytes)
   end
 

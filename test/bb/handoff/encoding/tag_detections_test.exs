@@ -8,7 +8,13 @@ defmodule BB.Handoff.Encoding.TagDetectionsTest do
     before = BB.Ring.now_ns()
     assert {:ok, %{payload: found} = message} = TagDetections.decode(Vectors.read!("tags.hex"))
     assert length(found.detections) == 2
-    assert [%{family: "tag36h11", corners: [{_, _}, {_, _}, {_, _}, {_, _}], homography: [_ | _]} = first | _] = found.detections
+
+    assert [
+             %{family: "tag36h11", corners: [{_, _}, {_, _}, {_, _}, {_, _}], homography: [_ | _]} =
+               first
+             | _
+           ] = found.detections
+
     assert {is_integer(first.id), is_float(first.decision_margin)} == {true, true}
     assert message.monotonic_time == found.capture_time
     # The capture is as long ago on Erlang's clock as on the ring's.
@@ -18,12 +24,15 @@ defmodule BB.Handoff.Encoding.TagDetectionsTest do
   end
 
   test "a frame without tags is a message without detections, and an unknown speed is nil" do
-    assert {:ok, %{payload: %{detections: [], angular_speed: nil}}} = TagDetections.decode(Vectors.read!("tags_none.hex"))
+    assert {:ok, %{payload: %{detections: [], angular_speed: nil}}} =
+             TagDetections.decode(Vectors.read!("tags_none.hex"))
   end
 
   test "a message without our tail is an error" do
     bytes = Vectors.read!("tags_none.hex")
-    assert {:error, {:truncated, _}} = TagDetections.decode(binary_part(bytes, 0, byte_size(bytes) - 1))
+
+    assert {:error, {:truncated, _}} =
+             TagDetections.decode(binary_part(bytes, 0, byte_size(bytes) - 1))
   end
 
   test "a tail of another kind is an error that says which" do
