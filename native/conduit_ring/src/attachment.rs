@@ -1,0 +1,232 @@
+//! A subscriber's tie to one segment: its reader line, its cursor, and what it can tell about the publisher.
+
+use std::io;
+use std::sync::Arc;
+
+use crate::attach::{self, Attached};
+use crate::claim::{Claim, Claimant};
+use crate::error::{Error, Fault};
+use crate::header::{FIXED_LEN, Header, Origin};
+use crate::layout::{STATE, STATE_LIVE};
+use crate::memory::Memory;
+use crate::reader::{Dialect, Meta, Policy, Reader, Sink, Start};
+use crate::segment::{self, Access, Name};
+use crate::sync::Ordering::{Acquire, Relaxed};
+use crate::topic::Topic;
+
+/// Whether there is something to expect from a segment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Life {
+    /// Its publisher lives, as far as can be known.
+    Up,
+    /// Its publisher died; another one may go on with it.
+    Down,
+    /// Nothing will ever be published there again, or the name leads elsewhere.
+    Over,
+}
+
+/// Where a reader begins in a segment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Beginning {
+    /// As the user wishes.
+    At(Start),
+    /// Where it has got to: the subscriber was there before.
+    After(Past),
+}
+
+/// What a subscriber remembers of the segment that it let go.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Past {
+    /// Which segment it was, if it had a number.
+    instance_id: Option<u64>,
+    cursor: u64,
+    /// Messages lost there since the last delivery.
+    pub(crate) lost: u64,
+}
+
+pub(crate) struct Attachment {
+    attached: Attached,
+    claim: Claim,
+    reader: Reader,
+}
+
+impl Attachment {
+    /// Attaches to a topic; `None` when there is no segment that is alive, or not yet.
+    pub(crate) fn open(topic: &Topic, beginning: Beginning) -> Result<Option<Attachment>, Error> {
+        let attached = match attach::attach(topic, Access::Write) {
+            Ok(Some(attached)) => attached,
+            Ok(None)
+            | Err(Error::BadSegment {
+                fault: Fault::NotReady,
+                ..
+            }) => return Ok(None),
+            Err(error) => return Err(error),
+        };
+        if is_native(&attached) && !is_live(&attached) {
+            return Ok(None);
+        }
+        let claim = claim(topic, &attached)?;
+        let dialect = if is_native(&attached) {
+            Dialect::Native
+        } else {
+            Dialect::Legacy
+        };
+        let reader = match beginning {
+            Beginning::At(start) => Reader::begin(&attached.memory, dialect, start),
+            Beginning::After(past) => {
+                let known =
+                    past.instance_id.is_some() && past.instance_id == instance_id(&attached.header);
+                Reader::resume(dialect, if known { past.cursor } else { 0 }, past.lost)
+            }
+        };
+        Ok(Some(Attachment {
+            attached,
+            claim,
+            reader,
+        }))
+    }
+
+    pub(crate) fn memory(&self) -> &Arc<Memory> {
+        &self.attached.memory
+    }
+
+    pub(crate) fn header(&self) -> &Header {
+        &self.attached.header
+    }
+
+    pub(crate) fn claim(&self) -> Claim {
+        self.claim
+    }
+
+    pub(crate) fn reader(&self) -> &Reader {
+        &self.reader
+    }
+
+    pub(crate) fn past(&self) -> Past {
+        Past {
+            instance_id: instance_id(&self.attached.header),
+            cursor: self.reader.cursor(),
+            lost: self.reader.lost_since_delivery(),
+        }
+    }
+
+    #[inline]
+    pub(crate) fn next(&mut self, policy: Policy, sink: &mut impl Sink) -> Option<Meta> {
+        let lost_before = self.reader.lost_total();
+        let memory = &self.attached.memory;
+        let meta = self.reader.next(memory, policy, sink);
+        memory
+            .u64(self.claim.line.read_idx())
+            .store(self.reader.cursor(), Relaxed);
+        if self.reader.lost_total() != lost_before {
+            memory
+                .u64(self.claim.line.lost_count())
+                .store(self.reader.lost_total(), Relaxed);
+        }
+        meta
+    }
+
+    pub(crate) fn has_news(&self) -> bool {
+        self.reader.has_news(&self.attached.memory)
+    }
+
+    /// Whether the state that stands in the segment says that its publisher goes on. Cheap: no system call.
+    pub(crate) fn says_live(&self) -> bool {
+        !is_native(&self.attached) || is_live(&self.attached)
+    }
+
+    /// Looks whether the publisher lives and the topic is still this segment.
+    pub(crate) fn life(&self, topic: &Topic) -> io::Result<Life> {
+        let header = self.attached.segment.head::<FIXED_LEN>()?;
+        let len = self.attached.segment.len()?;
+        let unchanged =
+            header.is_some_and(|bytes| Header::decode(&bytes, len) == Ok(self.attached.header));
+        if !unchanged || !self.says_live() {
+            return Ok(Life::Over);
+        }
+        let name = self.attached.segment.name(topic.path())?;
+        let alive = self.attached.has_live_publisher()?;
+        Ok(judge(is_native(&self.attached), alive, name))
+    }
+
+    /// Claims a line again if the claim was wiped: a legacy publisher that starts anew clears the header.
+    pub(crate) fn renew_claim(&mut self, topic: &Topic) -> Result<(), Error> {
+        if self.claim.stands(&self.attached.memory) {
+            return Ok(());
+        }
+        self.release().map_err(Error::os("unlock", topic.path()))?;
+        self.claim = claim(topic, &self.attached)?;
+        Ok(())
+    }
+
+    fn release(&self) -> io::Result<()> {
+        self.claim
+            .release(&self.attached.memory, &self.attached.segment)
+    }
+}
+
+impl Drop for Attachment {
+    fn drop(&mut self) {
+        // Closing the file frees the lock in any case.
+        let _ = self.release();
+    }
+}
+
+fn judge(native: bool, alive: bool, name: Name) -> Life {
+    match (native, alive, name) {
+        (_, _, Name::Other) => Life::Over,
+        (true, true, _) | (false, _, Name::Same) => Life::Up,
+        (true, false, Name::Same) => Life::Down,
+        (_, _, Name::Missing) => Life::Over,
+    }
+}
+
+fn claim(topic: &Topic, attached: &Attached) -> Result<Claim, Error> {
+    let who = Claimant {
+        id: segment::random_id().map_err(Error::os("getrandom", topic.path()))?,
+        pid: std::process::id(),
+        start_time: segment::process_start_time(),
+    };
+    Claim::take(&attached.memory, &attached.segment, who)
+        .map_err(Error::os("lock", topic.path()))?
+        .ok_or_else(|| Error::NoReaderSlot {
+            path: topic.path().to_owned(),
+        })
+}
+
+fn instance_id(header: &Header) -> Option<u64> {
+    match header.origin {
+        Origin::Native { instance_id } => Some(instance_id),
+        Origin::Legacy => None,
+    }
+}
+
+fn is_native(attached: &Attached) -> bool {
+    attached.header.origin != Origin::Legacy
+}
+
+fn is_live(attached: &Attached) -> bool {
+    // Acquire: meets the Release with which a publisher closes or retires.
+    attached.memory.u32(STATE).load(Acquire) == STATE_LIVE
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_native_segment_lives_by_its_lock_and_is_over_when_replaced() {
+        assert_eq!(judge(true, true, Name::Same), Life::Up);
+        assert_eq!(judge(true, true, Name::Missing), Life::Up);
+        assert_eq!(judge(true, false, Name::Same), Life::Down);
+        assert_eq!(judge(true, false, Name::Missing), Life::Over);
+        assert_eq!(judge(true, true, Name::Other), Life::Over);
+    }
+
+    #[test]
+    fn a_legacy_segment_lives_by_its_name() {
+        assert_eq!(judge(false, false, Name::Same), Life::Up);
+        assert_eq!(judge(false, false, Name::Missing), Life::Over);
+        assert_eq!(judge(false, false, Name::Other), Life::Over);
+    }
+}

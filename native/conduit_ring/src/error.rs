@@ -1,0 +1,178 @@
+//! What can go wrong.
+
+use std::fmt;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Why a ring could not be opened, read or awaited.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum Error {
+    /// The topic's name is not `[A-Za-z0-9_.-]{1,200}`.
+    InvalidTopic {
+        /// The name that was given.
+        name: String,
+    },
+    /// Number or length of the slots is outside the limits.
+    InvalidGeometry {
+        /// What was given and what is accepted.
+        reason: String,
+    },
+    /// Another publisher of this topic lives.
+    PublisherAlive {
+        /// The segment's file.
+        path: PathBuf,
+        /// Its process, as it wrote it there; 0 when it has not yet.
+        pid: u32,
+    },
+    /// The file was made by a publisher without the extension, and some process may still use it.
+    LegacyInUse {
+        /// The segment's file.
+        path: PathBuf,
+    },
+    /// All 16 reader slots are taken.
+    NoReaderSlot {
+        /// The segment's file.
+        path: PathBuf,
+    },
+    /// There is no such topic.
+    NoTopic {
+        /// The file that is not there.
+        path: PathBuf,
+    },
+    /// The file is not a segment that this version can use.
+    BadSegment {
+        /// The segment's file.
+        path: PathBuf,
+        /// What is wrong with it.
+        fault: Fault,
+    },
+    /// The operating system refused.
+    Os {
+        /// What was tried.
+        action: &'static str,
+        /// On which file.
+        path: PathBuf,
+        /// Its answer, with the errno.
+        source: io::Error,
+    },
+}
+
+impl Error {
+    /// The errno behind this error, if the operating system gave one.
+    pub fn errno(&self) -> Option<i32> {
+        match self {
+            Error::Os { source, .. } => source.raw_os_error(),
+            _ => None,
+        }
+    }
+
+    pub(crate) fn os(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Error {
+        let path = path.to_owned();
+        move |source| Error::Os {
+            action,
+            path,
+            source,
+        }
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Error::InvalidTopic { name } => {
+                write!(
+                    f,
+                    "{name:?} is no topic name; accepted are 1 to 200 of A-Z a-z 0-9 _ . -"
+                )
+            }
+            Error::InvalidGeometry { reason } => f.write_str(reason),
+            Error::PublisherAlive { path, pid } => {
+                write!(f, "{}: process {pid} publishes this topic", path.display())
+            }
+            Error::LegacyInUse { path } => write!(
+                f,
+                "{}: made by a publisher without the extension, and a process may still use it",
+                path.display()
+            ),
+            Error::NoReaderSlot { path } => {
+                write!(f, "{}: all 16 reader slots are taken", path.display())
+            }
+            Error::NoTopic { path } => write!(f, "{}: there is no such topic", path.display()),
+            Error::BadSegment { path, fault } => write!(f, "{}: {fault}", path.display()),
+            Error::Os {
+                action,
+                path,
+                source,
+            } => write!(f, "{}: {action}: {source}", path.display()),
+        }
+    }
+}
+
+impl std::error::Error for Error {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Error::Os { source, .. } => Some(source),
+            _ => None,
+        }
+    }
+}
+
+/// What is wrong with a file that should be a segment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Fault {
+    /// It is a directory, a device or the like.
+    NotAFile,
+    /// It is shorter than a header, or all zeros: a publisher without the extension may be making it right now.
+    NotReady,
+    /// Slot count or slot size is outside the limits.
+    Geometry,
+    /// `max_subscribers` is not 16.
+    MaxSubscribers,
+    /// The file is shorter than its geometry says.
+    Truncated,
+    /// It has the extension in a version that is unknown here.
+    Version,
+    /// Geometry and content tag do not have the checksum that stands beside them.
+    Checksum,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Fault::NotAFile => "not a regular file",
+            Fault::NotReady => "not initialised",
+            Fault::Geometry => "slot count or slot size is outside the limits",
+            Fault::MaxSubscribers => "max_subscribers is not 16",
+            Fault::Truncated => "shorter than its slots",
+            Fault::Version => "an unknown version of the extension",
+            Fault::Checksum => "the checksum of its geometry is wrong",
+        })
+    }
+}
+
+/// Why a message was not published.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum PublishError {
+    /// It does not fit into a slot. It is counted, and nothing was written.
+    TooLarge {
+        /// Its length in bytes.
+        len: usize,
+        /// The longest that fits.
+        max: usize,
+    },
+}
+
+impl fmt::Display for PublishError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            PublishError::TooLarge { len, max } => {
+                write!(f, "the message has {len} bytes and a slot holds {max}")
+            }
+        }
+    }
+}
+
+impl std::error::Error for PublishError {}

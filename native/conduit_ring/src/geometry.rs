@@ -1,0 +1,161 @@
+//! How many slots a ring has and how long they are.
+
+use crate::error::Error;
+use crate::layout::{HEADER_LEN, SLOT_HEADER_LEN};
+
+/// Number and length of a ring's slots. A value of this type is always within the limits.
+///
+/// conduit counts a slot's length *with* its 20-byte header ([`Geometry::slots`]); a user thinks of the messages
+/// ([`Geometry::depth`]). Both constructors round the slot's length up to a multiple of 64, so that slots start on a
+/// cache line.
+///
+/// ```
+/// use conduit_ring::Geometry;
+///
+/// let by_slots = Geometry::slots(16, 4096)?;
+/// assert_eq!(by_slots.max_message_size(), 4076);
+///
+/// let by_depth = Geometry::depth(10, 4076)?;
+/// assert_eq!(by_depth, by_slots);
+/// assert_eq!(by_depth, Geometry::default());
+/// # Ok::<(), conduit_ring::Error>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Geometry {
+    slot_count: u32,
+    slot_size: u32,
+}
+
+impl Geometry {
+    /// The shortest slot: a header and one byte.
+    pub const MIN_SLOT_SIZE: u32 = SLOT_HEADER_LEN as u32 + 1;
+    /// The longest slot: 1 GiB.
+    pub const MAX_SLOT_SIZE: u32 = 1 << 30;
+    /// The most slots.
+    pub const MAX_SLOT_COUNT: u32 = 1 << 20;
+
+    /// A ring of `slot_count` slots (a power of two) of `slot_size` bytes each, the slot's 20-byte header included.
+    pub fn slots(slot_count: u32, slot_size: u32) -> Result<Geometry, Error> {
+        let exact = Geometry::exact(slot_count, slot_size)?;
+        Geometry::exact(exact.slot_count, exact.slot_size.next_multiple_of(64))
+    }
+
+    /// A ring that keeps at least the last `depth` messages of up to `max_message_size` bytes each. The depth is rounded
+    /// up to a power of two, the size so that slots fill whole cache lines.
+    pub fn depth(depth: u32, max_message_size: u32) -> Result<Geometry, Error> {
+        let invalid = || Error::InvalidGeometry {
+            reason: format!(
+                "a depth of {depth} messages of {max_message_size} bytes was given; accepted are a depth of 1..={} and a \
+                 size of 1..={} bytes",
+                Self::MAX_SLOT_COUNT,
+                Self::MAX_SLOT_SIZE - SLOT_HEADER_LEN as u32
+            ),
+        };
+        if depth == 0 {
+            return Err(invalid());
+        }
+        let slot_count = depth.checked_next_power_of_two().ok_or_else(invalid)?;
+        let slot_size = max_message_size
+            .checked_add(SLOT_HEADER_LEN as u32)
+            .ok_or_else(invalid)?;
+        Geometry::slots(slot_count, slot_size).map_err(|_| invalid())
+    }
+
+    /// A geometry as it stands in a segment, nothing rounded.
+    pub(crate) fn exact(slot_count: u32, slot_size: u32) -> Result<Geometry, Error> {
+        let geometry = Geometry {
+            slot_count,
+            slot_size,
+        };
+        let accepted = slot_count.is_power_of_two()
+            && slot_count <= Self::MAX_SLOT_COUNT
+            && (Self::MIN_SLOT_SIZE..=Self::MAX_SLOT_SIZE).contains(&slot_size)
+            && isize::try_from(geometry.segment_len()).is_ok();
+        accepted.then_some(geometry).ok_or_else(|| Error::InvalidGeometry {
+            reason: format!(
+                "{slot_count} slots of {slot_size} bytes were given; accepted are a power of two up to {} and {}..={} bytes",
+                Self::MAX_SLOT_COUNT,
+                Self::MIN_SLOT_SIZE,
+                Self::MAX_SLOT_SIZE
+            ),
+        })
+    }
+
+    /// Number of slots, a power of two.
+    pub fn slot_count(&self) -> u32 {
+        self.slot_count
+    }
+
+    /// Length of a slot in bytes, its 20-byte header included.
+    pub fn slot_size(&self) -> u32 {
+        self.slot_size
+    }
+
+    /// The longest message that fits, in bytes.
+    pub fn max_message_size(&self) -> usize {
+        self.slot_size as usize - SLOT_HEADER_LEN
+    }
+
+    /// Length of the whole segment in bytes.
+    pub fn segment_len(&self) -> u64 {
+        HEADER_LEN as u64 + u64::from(self.slot_count) * u64::from(self.slot_size)
+    }
+
+    /// Where the slot of a message begins in the segment.
+    #[inline]
+    pub(crate) fn slot_offset(&self, sequence: u64) -> usize {
+        let index = sequence as u32 & (self.slot_count - 1);
+        HEADER_LEN + index as usize * self.slot_size as usize
+    }
+}
+
+impl Default for Geometry {
+    /// conduit's default: 16 slots of 4096 bytes, messages of up to 4076 bytes.
+    fn default() -> Self {
+        Geometry {
+            slot_count: 16,
+            slot_size: 4096,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slot_count_that_is_no_power_of_two_is_refused_saying_what_was_given() {
+        let error = Geometry::slots(12, 4096).unwrap_err().to_string();
+        assert!(error.contains("12 slots of 4096 bytes"), "{error}");
+        assert!(Geometry::slots(0, 4096).is_err());
+        assert!(Geometry::slots(1 << 21, 64).is_err());
+    }
+
+    #[test]
+    fn slot_sizes_are_accepted_from_21_bytes_to_the_cap() {
+        assert!(Geometry::slots(1, 20).is_err());
+        assert_eq!(Geometry::slots(1, 21).unwrap().slot_size(), 64);
+        assert!(Geometry::slots(1, Geometry::MAX_SLOT_SIZE).is_ok());
+        assert!(Geometry::slots(1, Geometry::MAX_SLOT_SIZE + 1).is_err());
+        assert!(Geometry::slots(1, u32::MAX).is_err());
+    }
+
+    #[test]
+    fn depth_rounds_up_to_a_power_of_two_and_adds_the_slot_header() {
+        let geometry = Geometry::depth(5, 100).unwrap();
+        assert_eq!((geometry.slot_count(), geometry.slot_size()), (8, 128));
+        assert!(Geometry::depth(0, 100).is_err());
+        assert!(Geometry::depth(4, 0).is_err());
+        assert!(Geometry::depth(u32::MAX, 100).is_err());
+        assert!(Geometry::depth(4, u32::MAX).is_err());
+    }
+
+    #[test]
+    fn messages_go_round_the_slots() {
+        let geometry = Geometry::slots(4, 64).unwrap();
+        assert_eq!(geometry.segment_len(), 1216 + 4 * 64);
+        assert_eq!(geometry.slot_offset(0), 1216);
+        assert_eq!(geometry.slot_offset(7), 1216 + 3 * 64);
+        assert_eq!(geometry.slot_offset(u64::MAX), 1216 + 3 * 64);
+    }
+}

@@ -1,0 +1,183 @@
+//! The part of a header that is set once, as a pure function of its bytes.
+
+use crate::content::ContentTag;
+use crate::crc32::crc32;
+use crate::error::Fault;
+use crate::geometry::Geometry;
+use crate::layout::{
+    CHECKSUM, CONTENT_TAG, EXT_MAGIC, FEATURES, HEADER_LEN, INSTANCE_ID, MAGIC, MAX_SUBSCRIBERS,
+    READERS, REQUIRED_FEATURES, SLOT_COUNT, SLOT_SIZE, STATE, STATE_LIVE, VERSION, VERSION_MAJOR,
+    VERSION_MINOR,
+};
+
+/// Bytes of the header that are set once (all but state and epoch).
+pub(crate) const FIXED_LEN: usize = 64;
+
+/// Who made a segment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Origin {
+    /// A publisher with the extension.
+    Native { instance_id: u64 },
+    /// An unmodified conduit publisher.
+    Legacy,
+}
+
+/// What a reader or a successor needs to know before it maps a segment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Header {
+    pub(crate) geometry: Geometry,
+    pub(crate) content: ContentTag,
+    pub(crate) origin: Origin,
+}
+
+impl Header {
+    /// Reads the first bytes of a file of `file_len` bytes.
+    pub(crate) fn decode(bytes: &[u8; FIXED_LEN], file_len: u64) -> Result<Header, Fault> {
+        if file_len < HEADER_LEN as u64 {
+            return Err(Fault::NotReady);
+        }
+        let (slot_count, slot_size) = (
+            word(bytes, SLOT_COUNT.offset()),
+            word(bytes, SLOT_SIZE.offset()),
+        );
+        if slot_count == 0 || slot_size == 0 {
+            return Err(Fault::NotReady);
+        }
+        if word(bytes, MAX_SUBSCRIBERS.offset()) != READERS {
+            return Err(Fault::MaxSubscribers);
+        }
+        let geometry = Geometry::exact(slot_count, slot_size).map_err(|_| Fault::Geometry)?;
+        if file_len < geometry.segment_len() {
+            return Err(Fault::Truncated);
+        }
+        if word(bytes, MAGIC.offset()) != EXT_MAGIC {
+            return Ok(Header {
+                geometry,
+                content: ContentTag::RAW,
+                origin: Origin::Legacy,
+            });
+        }
+        Header::decode_extension(bytes, geometry)
+    }
+
+    fn decode_extension(bytes: &[u8; FIXED_LEN], geometry: Geometry) -> Result<Header, Fault> {
+        let major = word(bytes, VERSION.offset()) as u16;
+        if major != VERSION_MAJOR || word(bytes, FEATURES.offset()) & REQUIRED_FEATURES != 0 {
+            return Err(Fault::Version);
+        }
+        if word(bytes, CHECKSUM.offset()) != checksum(bytes) {
+            return Err(Fault::Checksum);
+        }
+        let content = ContentTag::from_value(long(bytes, CONTENT_TAG.offset()));
+        let origin = Origin::Native {
+            instance_id: long(bytes, INSTANCE_ID.offset()),
+        };
+        Ok(Header {
+            geometry,
+            content,
+            origin,
+        })
+    }
+
+    /// The first bytes of a new segment, in state live and still without the magic.
+    pub(crate) fn encode(
+        geometry: Geometry,
+        content: ContentTag,
+        instance_id: u64,
+    ) -> [u8; FIXED_LEN] {
+        let mut bytes = [0; FIXED_LEN];
+        let version = u32::from(VERSION_MAJOR) | u32::from(VERSION_MINOR) << 16;
+        put_word(&mut bytes, SLOT_COUNT.offset(), geometry.slot_count());
+        put_word(&mut bytes, SLOT_SIZE.offset(), geometry.slot_size());
+        put_word(&mut bytes, MAX_SUBSCRIBERS.offset(), READERS);
+        put_word(&mut bytes, VERSION.offset(), version);
+        put_word(&mut bytes, STATE.offset(), STATE_LIVE);
+        put_long(&mut bytes, INSTANCE_ID.offset(), instance_id);
+        put_long(&mut bytes, CONTENT_TAG.offset(), content.value());
+        let sum = checksum(&bytes);
+        put_word(&mut bytes, CHECKSUM.offset(), sum);
+        bytes
+    }
+}
+
+fn checksum(bytes: &[u8; FIXED_LEN]) -> u32 {
+    let mut covered = [0; 24];
+    covered[..16].copy_from_slice(&bytes[..16]);
+    covered[16..].copy_from_slice(&bytes[CONTENT_TAG.offset()..CONTENT_TAG.offset() + 8]);
+    crc32(&covered)
+}
+
+fn word(bytes: &[u8; FIXED_LEN], at: usize) -> u32 {
+    u32::from_le_bytes(std::array::from_fn(|i| bytes[at + i]))
+}
+
+fn long(bytes: &[u8; FIXED_LEN], at: usize) -> u64 {
+    u64::from_le_bytes(std::array::from_fn(|i| bytes[at + i]))
+}
+
+fn put_word(bytes: &mut [u8; FIXED_LEN], at: usize, value: u32) {
+    bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
+}
+
+fn put_long(bytes: &mut [u8; FIXED_LEN], at: usize, value: u64) {
+    bytes[at..at + 8].copy_from_slice(&value.to_le_bytes());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn encoded() -> [u8; FIXED_LEN] {
+        let mut bytes = Header::encode(Geometry::default(), ContentTag::of("x"), 7);
+        put_word(&mut bytes, MAGIC.offset(), EXT_MAGIC);
+        bytes
+    }
+
+    fn len() -> u64 {
+        Geometry::default().segment_len()
+    }
+
+    #[test]
+    fn a_header_decodes_to_what_was_encoded() {
+        let expected = Header {
+            geometry: Geometry::default(),
+            content: ContentTag::of("x"),
+            origin: Origin::Native { instance_id: 7 },
+        };
+        assert_eq!(Header::decode(&encoded(), len()), Ok(expected));
+    }
+
+    #[test]
+    fn without_the_magic_it_is_a_legacy_header() {
+        let bytes = Header::encode(Geometry::default(), ContentTag::of("x"), 7);
+        let header = Header::decode(&bytes, len()).unwrap();
+        assert_eq!(
+            (header.origin, header.content),
+            (Origin::Legacy, ContentTag::RAW)
+        );
+    }
+
+    #[test]
+    fn each_kind_of_damage_has_its_fault() {
+        let damaged = |at: usize, value: u32| {
+            let mut bytes = encoded();
+            put_word(&mut bytes, at, value);
+            Header::decode(&bytes, len()).unwrap_err()
+        };
+        assert_eq!(damaged(0, 0), Fault::NotReady);
+        assert_eq!(damaged(0, 3), Fault::Geometry);
+        assert_eq!(damaged(0, 1 << 31), Fault::Geometry);
+        assert_eq!(damaged(4, 20), Fault::Geometry);
+        assert_eq!(damaged(4, u32::MAX), Fault::Geometry);
+        assert_eq!(damaged(4, 8192), Fault::Truncated);
+        assert_eq!(damaged(4, 2048), Fault::Checksum);
+        assert_eq!(damaged(8, 17), Fault::MaxSubscribers);
+        assert_eq!(damaged(12, 1), Fault::Checksum);
+        assert_eq!(damaged(20, 2), Fault::Version);
+        assert_eq!(damaged(24, 1 << 16), Fault::Version);
+        assert_eq!(damaged(48, 1), Fault::Checksum);
+        assert_eq!(damaged(60, 1), Fault::Checksum);
+        assert_eq!(Header::decode(&encoded(), 1215), Err(Fault::NotReady));
+        assert_eq!(Header::decode(&encoded(), len() - 1), Err(Fault::Truncated));
+    }
+}

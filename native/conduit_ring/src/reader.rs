@@ -1,0 +1,252 @@
+//! Reading with validation: a message is delivered whole and as it was published, or counted as lost.
+//!
+//! The cursor and the geometry are private. A message is copied first and validated afterwards: if the writer may have
+//! begun to overwrite the slot by the end of the copy, the copy is dropped. The orders are told in `writer.rs`.
+
+use crate::layout::{
+    SLOT_LEN, SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO, WRITE_IDX, WRITE_INTENT,
+};
+use crate::memory::{Memory, Slot};
+use crate::sync::{Ordering, fence};
+
+/// Which messages a subscriber begins with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Start {
+    /// Those published from now on.
+    #[default]
+    New,
+    /// The newest one that is there, then new ones.
+    Latest,
+    /// The last `k` that are still there, then new ones.
+    History(u32),
+}
+
+/// Which messages a subscriber that has fallen behind gets.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Policy {
+    /// Every one that is still there, in order.
+    #[default]
+    All,
+    /// Only the newest; those skipped count as lost.
+    Latest,
+}
+
+/// What a message says about itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Meta {
+    /// Its sequence number: messages of a segment count from 0.
+    pub sequence: u64,
+    /// When it was published, on the clock of [`clock::now_ns`](crate::clock::now_ns).
+    pub timestamp_ns: u64,
+    /// Its length in bytes.
+    pub len: usize,
+    /// Messages that were lost between the one delivered before it and this one.
+    pub lost: u64,
+}
+
+/// How a writer shows that it is overwriting a slot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Dialect {
+    /// By `write_intent`.
+    Native,
+    /// By nothing but `write_idx`; a full barrier separates its messages.
+    Legacy,
+}
+
+/// Where a message is copied to.
+///
+/// # Safety
+/// `room` returns a pointer that is valid for writes of `len` bytes until it is called again.
+pub(crate) unsafe trait Sink {
+    /// Room for a message of `len` bytes.
+    fn room(&mut self, len: usize) -> *mut u8;
+}
+
+/// A private cursor over a segment.
+pub(crate) struct Reader {
+    cursor: u64,
+    dialect: Dialect,
+    /// Lost since the message delivered last.
+    lost: u64,
+    lost_total: u64,
+    resyncs: u64,
+}
+
+impl Reader {
+    /// A reader that begins as `start` says.
+    pub(crate) fn begin(memory: &Memory, dialect: Dialect, start: Start) -> Reader {
+        let published = published(memory);
+        let back = match start {
+            Start::New => 0,
+            Start::Latest => 1,
+            Start::History(k) => u64::from(k).min(safe(memory, dialect)),
+        };
+        let cursor = published - back.min(published);
+        Reader {
+            cursor,
+            dialect,
+            lost: 0,
+            lost_total: 0,
+            resyncs: 0,
+        }
+    }
+
+    /// A reader that has had every message before `cursor`, and has lost some since its last delivery.
+    pub(crate) fn resume(dialect: Dialect, cursor: u64, lost: u64) -> Reader {
+        Reader {
+            cursor,
+            dialect,
+            lost,
+            lost_total: lost,
+            resyncs: 0,
+        }
+    }
+
+    pub(crate) fn cursor(&self) -> u64 {
+        self.cursor
+    }
+
+    pub(crate) fn lost_since_delivery(&self) -> u64 {
+        self.lost
+    }
+
+    pub(crate) fn lost_total(&self) -> u64 {
+        self.lost_total
+    }
+
+    pub(crate) fn resyncs(&self) -> u64 {
+        self.resyncs
+    }
+
+    /// Whether [`Reader::next`] has something to look at.
+    pub(crate) fn has_news(&self, memory: &Memory) -> bool {
+        published(memory) != self.cursor
+    }
+
+    /// Delivers the next message into the sink. It gives up, for this time, after as many invalid ones as there are
+    /// slots: a broken writer cannot keep it here.
+    #[inline]
+    pub(crate) fn next(
+        &mut self,
+        memory: &Memory,
+        policy: Policy,
+        sink: &mut impl Sink,
+    ) -> Option<Meta> {
+        for _ in 0..=memory.geometry().slot_count() {
+            let published = published(memory);
+            if published == self.cursor {
+                return None;
+            }
+            if !self.catch_up(memory, published, policy) {
+                return None;
+            }
+            if let Some(meta) = self.take(memory, sink) {
+                return Some(meta);
+            }
+            self.lose(1);
+        }
+        None
+    }
+
+    /// Moves the cursor to the oldest message that may be read; `false` when there is none.
+    #[inline]
+    fn catch_up(&mut self, memory: &Memory, published: u64, policy: Policy) -> bool {
+        if self.cursor > published {
+            self.cursor = published;
+            self.resyncs += 1;
+            return false;
+        }
+        let behind = published - self.cursor;
+        let safe = safe(memory, self.dialect);
+        let keep = match policy {
+            Policy::All => safe,
+            Policy::Latest => safe.min(1),
+        };
+        if behind > keep {
+            self.lose(behind - keep);
+        }
+        keep > 0
+    }
+
+    fn lose(&mut self, count: u64) {
+        self.cursor = self.cursor.wrapping_add(count);
+        self.lost = self.lost.saturating_add(count);
+        self.lost_total = self.lost_total.saturating_add(count);
+    }
+
+    /// Copies the message at the cursor; `None` when it cannot be trusted.
+    #[inline]
+    fn take(&mut self, memory: &Memory, sink: &mut impl Sink) -> Option<Meta> {
+        let slot = memory.slot(self.cursor);
+        let len = slot.load(SLOT_LEN) as usize;
+        if len > memory.geometry().max_message_size() {
+            return None;
+        }
+        let timestamp_ns = long(&slot, SLOT_TIME_LO, SLOT_TIME_HI);
+        if self.is_overwritten(memory) {
+            return None;
+        }
+        // SAFETY: the sink gives room for `len` bytes.
+        unsafe { slot.read_payload(sink.room(len), len) };
+        if !self.is_whole(memory, &slot) {
+            return None;
+        }
+        let meta = Meta {
+            sequence: self.cursor,
+            timestamp_ns,
+            len,
+            lost: self.lost,
+        };
+        self.cursor = self.cursor.wrapping_add(1);
+        self.lost = 0;
+        Some(meta)
+    }
+
+    /// Whether all that was read of the slot up to now belongs to the message at the cursor.
+    #[inline]
+    fn is_whole(&self, memory: &Memory, slot: &Slot<'_>) -> bool {
+        let sequence = long(slot, SLOT_SEQ_LO, SLOT_SEQ_HI);
+        // Acquire: meets the release fence in Writer::begin.
+        fence(Ordering::Acquire);
+        sequence == self.cursor && !self.is_overwritten(memory)
+    }
+
+    /// Whether the writer, as far as is known here, has begun to write a later message into the cursor's slot (or has
+    /// never published the cursor's message by the extension's rules).
+    #[inline]
+    fn is_overwritten(&self, memory: &Memory) -> bool {
+        let slots = u64::from(memory.geometry().slot_count());
+        match self.dialect {
+            Dialect::Native => {
+                let intent = memory.u64(WRITE_INTENT).load(Ordering::Relaxed);
+                intent.wrapping_sub(self.cursor).wrapping_sub(1) >= slots
+            }
+            Dialect::Legacy => {
+                let published = memory.u64(WRITE_IDX).load(Ordering::Relaxed);
+                published.wrapping_sub(self.cursor).wrapping_sub(1) >= slots - 1
+            }
+        }
+    }
+}
+
+/// Messages published so far.
+#[inline]
+pub(crate) fn published(memory: &Memory) -> u64 {
+    // Acquire: meets the Release in Writer::advance.
+    memory.u64(WRITE_IDX).load(Ordering::Acquire)
+}
+
+/// How far behind a reader may be and still find its message whole.
+#[inline]
+fn safe(memory: &Memory, dialect: Dialect) -> u64 {
+    let slots = u64::from(memory.geometry().slot_count());
+    match dialect {
+        Dialect::Native => slots,
+        Dialect::Legacy => slots - 1,
+    }
+}
+
+#[inline]
+fn long(slot: &Slot<'_>, lo: usize, hi: usize) -> u64 {
+    u64::from(slot.load(lo)) | u64::from(slot.load(hi)) << 32
+}

@@ -1,0 +1,414 @@
+//! Everything that the operating system does for a ring: files, locks, mappings, futexes, clocks. No other file calls it.
+
+use std::ffi::CString;
+use std::fs::{File, OpenOptions, Permissions};
+use std::io;
+use std::os::fd::{AsRawFd, FromRawFd, OwnedFd, RawFd};
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt, PermissionsExt, fchown};
+use std::path::Path;
+use std::ptr;
+use std::sync::atomic::AtomicU32;
+use std::time::Duration;
+
+/// An open segment file. Locks belong to it, not to the process.
+#[derive(Debug)]
+pub(crate) struct Segment {
+    file: File,
+}
+
+/// What a path leads to, seen from an open file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Name {
+    /// To this file.
+    Same,
+    /// To another file.
+    Other,
+    /// Nowhere.
+    Missing,
+}
+
+/// How a segment is opened and mapped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Access {
+    Read,
+    Write,
+}
+
+impl Segment {
+    /// Opens a file that exists; symbolic links are not followed.
+    pub(crate) fn open(path: &Path, access: Access) -> io::Result<Segment> {
+        let file = OpenOptions::new()
+            .read(true)
+            .write(access == Access::Write)
+            .custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK | libc::O_CLOEXEC)
+            .open(path)?;
+        Ok(Segment { file })
+    }
+
+    /// A new file without a name, zeroed, all of its pages allocated.
+    pub(crate) fn create(
+        dir: &Path,
+        len: u64,
+        mode: u32,
+        group: Option<u32>,
+    ) -> io::Result<Segment> {
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .mode(mode)
+            .custom_flags(libc::O_TMPFILE | libc::O_CLOEXEC)
+            .open(dir)?;
+        if group.is_some() {
+            fchown(&file, None, group)?;
+        }
+        file.set_permissions(Permissions::from_mode(mode))?;
+        let segment = Segment { file };
+        segment.allocate(len)?;
+        Ok(segment)
+    }
+
+    /// Allocates every page of the first `len` bytes, so that a full file system is an error now and no signal later.
+    pub(crate) fn allocate(&self, len: u64) -> io::Result<()> {
+        let len = len
+            .try_into()
+            .map_err(|_| io::Error::from_raw_os_error(libc::EFBIG))?;
+        // SAFETY: posix_fallocate takes no pointer.
+        match unsafe { libc::posix_fallocate(self.fd(), 0, len) } {
+            0 => Ok(()),
+            errno => Err(io::Error::from_raw_os_error(errno)),
+        }
+    }
+
+    /// Gives a file made by [`Segment::create`] its name; `AlreadyExists` when it is taken.
+    pub(crate) fn link(&self, path: &Path) -> io::Result<()> {
+        let from = CString::new(format!("/proc/self/fd/{}", self.fd()))?;
+        let to = CString::new(path.as_os_str().as_bytes())?;
+        let (cwd, follow) = (libc::AT_FDCWD, libc::AT_SYMLINK_FOLLOW);
+        // SAFETY: both strings are NUL-terminated and outlive the call.
+        check(unsafe { libc::linkat(cwd, from.as_ptr(), cwd, to.as_ptr(), follow) }).map(drop)
+    }
+
+    pub(crate) fn is_regular(&self) -> io::Result<bool> {
+        Ok(self.file.metadata()?.is_file())
+    }
+
+    pub(crate) fn len(&self) -> io::Result<u64> {
+        Ok(self.file.metadata()?.len())
+    }
+
+    /// The first `N` bytes, or `None` in a file that is shorter.
+    pub(crate) fn head<const N: usize>(&self) -> io::Result<Option<[u8; N]>> {
+        let mut bytes = [0; N];
+        match self.file.read_exact_at(&mut bytes, 0) {
+            Ok(()) => Ok(Some(bytes)),
+            Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => Ok(None),
+            Err(e) => Err(e),
+        }
+    }
+
+    pub(crate) fn write_head(&self, bytes: &[u8]) -> io::Result<()> {
+        self.file.write_all_at(bytes, 0)
+    }
+
+    /// Whether `path` still leads to this file.
+    pub(crate) fn name(&self, path: &Path) -> io::Result<Name> {
+        let own = self.file.metadata()?;
+        match std::fs::symlink_metadata(path) {
+            Ok(found) if (found.dev(), found.ino()) == (own.dev(), own.ino()) => Ok(Name::Same),
+            Ok(_) => Ok(Name::Other),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Name::Missing),
+            Err(e) => Err(e),
+        }
+    }
+
+    /// Removes `path` if it leads to this file.
+    pub(crate) fn unlink(&self, path: &Path) -> io::Result<()> {
+        match self.name(path)? {
+            Name::Same => std::fs::remove_file(path),
+            Name::Other | Name::Missing => Ok(()),
+        }
+    }
+
+    /// Takes the lock on one byte; `false` when another open file has it. The kernel frees it when this file is closed
+    /// by whatever end, SIGKILL too.
+    pub(crate) fn try_lock(&self, byte: u64) -> io::Result<bool> {
+        match self.lock_call(libc::F_OFD_SETLK, &mut lock_of(byte, libc::F_WRLCK)) {
+            Ok(()) => Ok(true),
+            Err(e) if matches!(e.raw_os_error(), Some(libc::EAGAIN | libc::EACCES)) => Ok(false),
+            Err(e) => Err(e),
+        }
+    }
+
+    pub(crate) fn unlock(&self, byte: u64) -> io::Result<()> {
+        self.lock_call(libc::F_OFD_SETLK, &mut lock_of(byte, libc::F_UNLCK))
+    }
+
+    /// Whether another open file has the lock on this byte.
+    pub(crate) fn is_locked(&self, byte: u64) -> io::Result<bool> {
+        let mut lock = lock_of(byte, libc::F_WRLCK);
+        self.lock_call(libc::F_OFD_GETLK, &mut lock)?;
+        Ok(i32::from(lock.l_type) != libc::F_UNLCK)
+    }
+
+    fn lock_call(&self, command: i32, lock: &mut Flock) -> io::Result<()> {
+        // SAFETY: the commands used here take a pointer to a flock, which is exclusively borrowed.
+        check(unsafe { libc::fcntl(self.fd(), command, ptr::from_mut(lock)) }).map(drop)
+    }
+
+    /// Whether no process, this one apart, has the file open for writing or mapped so. A write lease is granted just
+    /// then; who may not ask for one cannot know.
+    pub(crate) fn is_unused(&self) -> bool {
+        // SAFETY: F_SETLEASE takes an int.
+        let granted =
+            check(unsafe { libc::fcntl(self.fd(), libc::F_SETLEASE, libc::F_WRLCK) }).is_ok();
+        if granted {
+            // SAFETY: as above.
+            let _ = check(unsafe { libc::fcntl(self.fd(), libc::F_SETLEASE, libc::F_UNLCK) });
+        }
+        granted
+    }
+
+    /// Maps the first `len` bytes. `populate` fills the page tables at once.
+    pub(crate) fn map(&self, len: u64, access: Access, populate: bool) -> io::Result<Mapping> {
+        let len = usize::try_from(len).map_err(|_| io::Error::from_raw_os_error(libc::EFBIG))?;
+        let protection = match access {
+            Access::Read => libc::PROT_READ,
+            Access::Write => libc::PROT_READ | libc::PROT_WRITE,
+        };
+        let flags = libc::MAP_SHARED | if populate { libc::MAP_POPULATE } else { 0 };
+        // SAFETY: a new mapping at an address of the kernel's choice touches no memory in use.
+        let base = unsafe { libc::mmap(ptr::null_mut(), len, protection, flags, self.fd(), 0) };
+        if base == libc::MAP_FAILED {
+            return Err(io::Error::last_os_error());
+        }
+        Ok(Mapping {
+            base: base.cast(),
+            len,
+        })
+    }
+
+    fn fd(&self) -> RawFd {
+        self.file.as_raw_fd()
+    }
+}
+
+/// OFD locks always take 64-bit offsets; glibc's plain `flock` has 32-bit ones on 32-bit machines.
+#[cfg(all(target_env = "gnu", target_pointer_width = "32"))]
+type Flock = libc::flock64;
+#[cfg(not(all(target_env = "gnu", target_pointer_width = "32")))]
+type Flock = libc::flock;
+
+fn lock_of(byte: u64, kind: i32) -> Flock {
+    // SAFETY: all-zero bytes are a valid flock: integers only.
+    let mut lock: Flock = unsafe { std::mem::zeroed() };
+    lock.l_type = kind as _;
+    lock.l_whence = libc::SEEK_SET as _;
+    lock.l_start = byte as _;
+    lock.l_len = 1;
+    lock
+}
+
+/// A shared mapping of a segment.
+#[derive(Debug)]
+pub(crate) struct Mapping {
+    base: *mut u8,
+    len: usize,
+}
+
+// SAFETY: a Mapping is only an address and a length; whoever reads or writes there uses atomics.
+unsafe impl Send for Mapping {}
+// SAFETY: as above.
+unsafe impl Sync for Mapping {}
+
+impl Mapping {
+    #[inline]
+    pub(crate) fn base(&self) -> *mut u8 {
+        self.base
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.len
+    }
+}
+
+impl Drop for Mapping {
+    fn drop(&mut self) {
+        // SAFETY: base and len are those of a mapping made by Segment::map, unmapped only here.
+        unsafe { libc::munmap(self.base.cast(), self.len) };
+    }
+}
+
+/// The kernel's `struct timespec` of the futex call, whose fields are as wide as a register whatever libc's are.
+#[repr(C)]
+struct KernelTimespec {
+    seconds: libc::c_long,
+    nanoseconds: libc::c_long,
+}
+
+pub(crate) fn futex_wait(word: &AtomicU32, expected: u32, timeout: Duration) {
+    let timeout = KernelTimespec {
+        seconds: timeout.as_secs().try_into().unwrap_or(libc::c_long::MAX),
+        nanoseconds: timeout.subsec_nanos() as libc::c_long,
+    };
+    // SAFETY: the word and the timeout outlive the call. Every result is a reason to look again.
+    unsafe {
+        libc::syscall(
+            libc::SYS_futex,
+            word.as_ptr(),
+            libc::FUTEX_WAIT,
+            expected,
+            ptr::from_ref(&timeout),
+        )
+    };
+}
+
+pub(crate) fn futex_wake_all(word: &AtomicU32) -> u32 {
+    // SAFETY: the word outlives the call.
+    let woken =
+        unsafe { libc::syscall(libc::SYS_futex, word.as_ptr(), libc::FUTEX_WAKE, i32::MAX) };
+    u32::try_from(woken).unwrap_or(0)
+}
+
+/// Tells when a file appears in a directory.
+#[derive(Debug)]
+pub(crate) struct Watch {
+    fd: OwnedFd,
+}
+
+impl Watch {
+    pub(crate) fn new(dir: &Path) -> io::Result<Watch> {
+        // SAFETY: inotify_init1 takes no pointer.
+        let fd = check(unsafe { libc::inotify_init1(libc::IN_CLOEXEC | libc::IN_NONBLOCK) })?;
+        let watch = Watch { fd: own(fd) };
+        let dir = CString::new(dir.as_os_str().as_bytes())?;
+        let events = libc::IN_CREATE | libc::IN_MOVED_TO;
+        // SAFETY: the path is NUL-terminated and outlives the call.
+        check(unsafe { libc::inotify_add_watch(fd, dir.as_ptr(), events) })?;
+        Ok(watch)
+    }
+}
+
+/// A private flag that a sleeping thread can be woken by.
+#[derive(Debug)]
+pub(crate) struct Event {
+    fd: OwnedFd,
+}
+
+impl Event {
+    pub(crate) fn new() -> io::Result<Event> {
+        // SAFETY: eventfd takes no pointer.
+        let fd = check(unsafe { libc::eventfd(0, libc::EFD_CLOEXEC | libc::EFD_NONBLOCK) })?;
+        Ok(Event { fd: own(fd) })
+    }
+
+    pub(crate) fn raise(&self) {
+        let one = 1_u64.to_ne_bytes();
+        // SAFETY: eight bytes are readable. The only failure, a full counter, leaves the event raised.
+        unsafe { libc::write(self.fd.as_raw_fd(), one.as_ptr().cast(), one.len()) };
+    }
+
+    pub(crate) fn clear(&self) {
+        drain(&self.fd);
+    }
+}
+
+/// Sleeps until the event is raised, a file appears in the watched directory or the time is up, and clears both.
+pub(crate) fn wait_for_either(event: &Event, watch: Option<&Watch>, timeout: Duration) {
+    let slot = |fd: RawFd| libc::pollfd {
+        fd,
+        events: libc::POLLIN,
+        revents: 0,
+    };
+    // A negative descriptor is ignored by poll.
+    let mut polled = [
+        slot(event.fd.as_raw_fd()),
+        slot(watch.map_or(-1, |watch| watch.fd.as_raw_fd())),
+    ];
+    let timeout_ms = i32::try_from(timeout.as_micros().div_ceil(1000)).unwrap_or(i32::MAX);
+    // SAFETY: two pollfds are exclusively borrowed.
+    unsafe {
+        libc::poll(
+            polled.as_mut_ptr(),
+            polled.len() as libc::nfds_t,
+            timeout_ms,
+        )
+    };
+    drain(&event.fd);
+    if let Some(watch) = watch {
+        drain(&watch.fd);
+    }
+}
+
+fn drain(fd: &OwnedFd) {
+    let mut buffer = [0_u64; 512];
+    let room = size_of_val(&buffer);
+    loop {
+        // SAFETY: `room` bytes are writable. The descriptor does not block.
+        let got = unsafe { libc::read(fd.as_raw_fd(), buffer.as_mut_ptr().cast(), room) };
+        if got < room as isize {
+            return;
+        }
+    }
+}
+
+#[inline]
+pub(crate) fn monotonic_raw_ns() -> u64 {
+    clock_ns(libc::CLOCK_MONOTONIC_RAW)
+}
+
+pub(crate) fn realtime_ns() -> i64 {
+    clock_ns(libc::CLOCK_REALTIME) as i64
+}
+
+#[inline]
+fn clock_ns(id: libc::clockid_t) -> u64 {
+    let mut now = libc::timespec {
+        tv_sec: 0,
+        tv_nsec: 0,
+    };
+    // SAFETY: the timespec is exclusively borrowed; both clocks exist on every Linux that has OFD locks.
+    unsafe { libc::clock_gettime(id, &mut now) };
+    (now.tv_sec as u64)
+        .wrapping_mul(1_000_000_000)
+        .wrapping_add(now.tv_nsec as u64)
+}
+
+/// A random number other than 0.
+pub(crate) fn random_id() -> io::Result<u64> {
+    let mut bytes = [0_u8; 8];
+    loop {
+        // SAFETY: eight bytes are writable.
+        let got = unsafe { libc::getrandom(bytes.as_mut_ptr().cast(), bytes.len(), 0) };
+        match (got, u64::from_ne_bytes(bytes)) {
+            (8, 0) => {}
+            (8, id) => return Ok(id),
+            _ => return Err(io::Error::last_os_error()),
+        }
+    }
+}
+
+/// When this process started, in clock ticks since boot; 0 if /proc does not tell.
+pub(crate) fn process_start_time() -> u64 {
+    const FIELDS_AFTER_NAME: usize = 19;
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let after_name = stat.rsplit(')').next().unwrap_or_default();
+    after_name
+        .split_whitespace()
+        .nth(FIELDS_AFTER_NAME)
+        .and_then(|ticks| ticks.parse().ok())
+        .unwrap_or(0)
+}
+
+fn own(fd: RawFd) -> OwnedFd {
+    // SAFETY: called right after the system call that made the descriptor, which nobody else owns.
+    unsafe { OwnedFd::from_raw_fd(fd) }
+}
+
+fn check(result: i32) -> io::Result<i32> {
+    if result < 0 {
+        Err(io::Error::last_os_error())
+    } else {
+        Ok(result)
+    }
+}

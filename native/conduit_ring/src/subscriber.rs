@@ -1,0 +1,462 @@
+//! One who reads a topic.
+
+use std::fmt;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use crate::attachment::{Attachment, Beginning, Life, Past};
+use crate::content::ContentTag;
+use crate::error::Error;
+use crate::geometry::Geometry;
+use crate::reader::{Meta, Policy, Sink, Start};
+use crate::segment::{self, Watch};
+use crate::topic::{DIRECTORY, Topic};
+use crate::wait::{self, LONGEST_SLEEP};
+use crate::waker::Waker;
+
+/// How long a sleep may be while a file is there that is not yet a segment, or the directory cannot be watched.
+const UNWATCHED_SLEEP: Duration = Duration::from_millis(50);
+
+/// How a topic is read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SubscriberOptions {
+    /// Which messages to begin with, if the topic exists. One that does not yet is read from its first message.
+    pub start: Start,
+    /// Which messages to get after falling behind.
+    pub policy: Policy,
+}
+
+/// What a look at a topic gave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Read {
+    /// A message; it is in the buffer.
+    Message(Meta),
+    /// Nothing new.
+    Nothing,
+    /// The topic has a publisher again, or for the first time.
+    PublisherUp,
+    /// The publisher died, closed the topic or was replaced. Whatever it had published was delivered before.
+    PublisherDown,
+}
+
+/// What a look at a topic gave, with the buffer that the message was copied into.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Received<B> {
+    /// A message.
+    Message(Meta, B),
+    /// As [`Read::Nothing`].
+    Nothing,
+    /// As [`Read::PublisherUp`].
+    PublisherUp,
+    /// As [`Read::PublisherDown`].
+    PublisherDown,
+}
+
+/// Why a wait ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wait {
+    /// [`Subscriber::try_read`] has something to say.
+    Ready,
+    /// A [`Waker`] was used.
+    Woken,
+    /// The time is up.
+    TimedOut,
+}
+
+/// What a subscriber has seen so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Stats {
+    /// Messages delivered.
+    pub delivered: u64,
+    /// Messages lost.
+    pub lost: u64,
+    /// Times that the publisher's count was found behind the reader's.
+    pub resyncs: u64,
+}
+
+/// One reader of a topic, in a reader slot of its own.
+///
+/// It outlives publishers: when one dies it says so, and goes on with the next one by itself.
+pub struct Subscriber {
+    topic: Topic,
+    policy: Policy,
+    tie: Tie,
+    waker: Waker,
+    publisher_up: bool,
+    pending: Option<Change>,
+    next_look: Instant,
+    past: Stats,
+}
+
+/// What the subscriber holds on to.
+enum Tie {
+    Attached(Attachment),
+    Awaiting { watch: Option<Watch>, past: Past },
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Change {
+    Up,
+    Down,
+}
+
+/// What a step came to, before it is told in the caller's words.
+enum Step {
+    Message(Meta),
+    Change(Change),
+    Nothing,
+}
+
+impl Subscriber {
+    /// Subscribes to a topic, which need not exist yet.
+    ///
+    /// # Errors
+    /// [`Error::NoReaderSlot`] for a 17th subscriber; [`Error::BadSegment`]; [`Error::Os`].
+    pub fn open(topic: &Topic, options: &SubscriberOptions) -> Result<Subscriber, Error> {
+        let waker = Waker::new().map_err(Error::os("eventfd", topic.path()))?;
+        let mut subscriber = Subscriber {
+            topic: topic.clone(),
+            policy: options.policy,
+            tie: Tie::Awaiting {
+                watch: None,
+                past: Past::default(),
+            },
+            waker,
+            publisher_up: false,
+            pending: None,
+            next_look: Instant::now(),
+            past: Stats::default(),
+        };
+        match Attachment::open(topic, Beginning::At(options.start))? {
+            Some(attachment) => subscriber.hold(attachment)?,
+            None => subscriber.await_topic(Past::default()),
+        }
+        subscriber.pending = None;
+        Ok(subscriber)
+    }
+
+    /// Takes the next message, if there is one, into `buffer`, whose content it replaces. Never waits.
+    ///
+    /// # Errors
+    /// When the topic is to be attached to again: as [`Subscriber::open`]. The next call tries again.
+    #[inline]
+    pub fn try_read(&mut self, buffer: &mut Vec<u8>) -> Result<Read, Error> {
+        buffer.clear();
+        let mut sink = IntoVec { buffer };
+        Ok(match self.step(&mut sink)? {
+            Step::Message(meta) => {
+                // SAFETY: the sink reserved room for `len` bytes, and all of them were copied there.
+                unsafe { buffer.set_len(meta.len) };
+                Read::Message(meta)
+            }
+            Step::Change(Change::Up) => Read::PublisherUp,
+            Step::Change(Change::Down) => Read::PublisherDown,
+            Step::Nothing => Read::Nothing,
+        })
+    }
+
+    /// Takes the next message, if there is one, into a buffer that `alloc` makes for its length. `alloc` may be called
+    /// more than once, when the publisher overtakes the copy.
+    ///
+    /// # Errors
+    /// As [`Subscriber::try_read`].
+    ///
+    /// # Panics
+    /// When the buffer is not as long as was asked for.
+    #[inline]
+    pub fn try_read_with<B: AsMut<[u8]>>(
+        &mut self,
+        alloc: impl FnMut(usize) -> B,
+    ) -> Result<Received<B>, Error> {
+        let mut sink = IntoNew {
+            alloc,
+            buffer: None,
+        };
+        Ok(match (self.step(&mut sink)?, sink.buffer) {
+            (Step::Message(meta), Some(buffer)) => Received::Message(meta, buffer),
+            (Step::Change(Change::Up), _) => Received::PublisherUp,
+            (Step::Change(Change::Down), _) => Received::PublisherDown,
+            _ => Received::Nothing,
+        })
+    }
+
+    /// Sleeps until [`Subscriber::try_read`] has something to say, a [`Waker`] is used or the time is up.
+    ///
+    /// # Errors
+    /// As [`Subscriber::try_read`].
+    pub fn wait(&mut self, timeout: Duration) -> Result<Wait, Error> {
+        let deadline = Instant::now().checked_add(timeout);
+        loop {
+            if self.waker.take() {
+                return Ok(Wait::Woken);
+            }
+            if self.publisher_up && self.has_news() {
+                return Ok(Wait::Ready);
+            }
+            self.look_around()?;
+            if self.pending.is_some() || self.has_news() {
+                return Ok(Wait::Ready);
+            }
+            let now = Instant::now();
+            let left = deadline.map_or(LONGEST_SLEEP, |deadline| {
+                deadline.saturating_duration_since(now)
+            });
+            if left.is_zero() {
+                return Ok(Wait::TimedOut);
+            }
+            self.sleep(left.min(LONGEST_SLEEP));
+        }
+    }
+
+    /// Waits for the next message or change of the publisher and takes it. [`Read::Nothing`] when the time is up or a
+    /// [`Waker`] was used.
+    ///
+    /// # Errors
+    /// As [`Subscriber::try_read`].
+    pub fn read_timeout(&mut self, buffer: &mut Vec<u8>, timeout: Duration) -> Result<Read, Error> {
+        let deadline = Instant::now().checked_add(timeout);
+        loop {
+            let read = self.try_read(buffer)?;
+            if read != Read::Nothing {
+                return Ok(read);
+            }
+            let left = deadline.map_or(Duration::MAX, |deadline| {
+                deadline.saturating_duration_since(Instant::now())
+            });
+            if self.wait(left)? != Wait::Ready {
+                return Ok(Read::Nothing);
+            }
+        }
+    }
+
+    /// Which messages to get from now on after falling behind.
+    pub fn set_policy(&mut self, policy: Policy) {
+        self.policy = policy;
+    }
+
+    /// A handle for waking this subscriber from another thread.
+    pub fn waker(&self) -> Waker {
+        self.waker.clone()
+    }
+
+    /// The topic.
+    pub fn topic(&self) -> &Topic {
+        &self.topic
+    }
+
+    /// Whether the topic had a live publisher when last looked at.
+    pub fn publisher_up(&self) -> bool {
+        self.publisher_up
+    }
+
+    /// Number and length of the slots, once there is a segment.
+    pub fn geometry(&self) -> Option<Geometry> {
+        self.attachment()
+            .map(|attachment| attachment.header().geometry)
+    }
+
+    /// The encoding of the messages, once there is a segment.
+    pub fn content(&self) -> Option<ContentTag> {
+        self.attachment()
+            .map(|attachment| attachment.header().content)
+    }
+
+    /// Counts of this subscriber's whole life.
+    pub fn stats(&self) -> Stats {
+        let (lost, resyncs) = match &self.tie {
+            Tie::Attached(attachment) => (
+                attachment.reader().lost_total(),
+                attachment.reader().resyncs(),
+            ),
+            Tie::Awaiting { past, .. } => (past.lost, 0),
+        };
+        Stats {
+            lost: self.past.lost + lost,
+            resyncs: self.past.resyncs + resyncs,
+            ..self.past
+        }
+    }
+
+    fn attachment(&self) -> Option<&Attachment> {
+        match &self.tie {
+            Tie::Attached(attachment) => Some(attachment),
+            Tie::Awaiting { .. } => None,
+        }
+    }
+
+    fn has_news(&self) -> bool {
+        self.attachment().is_some_and(Attachment::has_news)
+    }
+
+    #[inline]
+    fn step(&mut self, sink: &mut impl Sink) -> Result<Step, Error> {
+        if self.publisher_up
+            && self.pending.is_none()
+            && let Some(message) = self.next_message(sink)
+        {
+            return Ok(Step::Message(message));
+        }
+        self.look_around()?;
+        Ok(match self.pending.take() {
+            Some(change) => Step::Change(change),
+            None => self.next_message(sink).map_or(Step::Nothing, Step::Message),
+        })
+    }
+
+    #[inline]
+    fn next_message(&mut self, sink: &mut impl Sink) -> Option<Meta> {
+        let Tie::Attached(attachment) = &mut self.tie else {
+            return None;
+        };
+        let meta = attachment.next(self.policy, sink)?;
+        self.past.delivered += 1;
+        Some(meta)
+    }
+
+    /// Looks after the tie: attaches, notices a publisher's end or return. What there is to tell is then pending.
+    fn look_around(&mut self) -> Result<(), Error> {
+        match &self.tie {
+            Tie::Awaiting { past, .. } => {
+                match Attachment::open(&self.topic, Beginning::After(*past))? {
+                    Some(attachment) => self.hold(attachment),
+                    None => Ok(()),
+                }
+            }
+            Tie::Attached(attachment) => {
+                let due = !attachment.says_live()
+                    || !self.publisher_up
+                    || Instant::now() >= self.next_look;
+                if due && self.pending.is_none() {
+                    self.look_at_publisher()
+                } else {
+                    Ok(())
+                }
+            }
+        }
+    }
+
+    fn look_at_publisher(&mut self) -> Result<(), Error> {
+        self.next_look = Instant::now() + LONGEST_SLEEP;
+        let Tie::Attached(attachment) = &mut self.tie else {
+            return Ok(());
+        };
+        let life = attachment
+            .life(&self.topic)
+            .map_err(Error::os("stat", self.topic.path()))?;
+        match life {
+            Life::Up => {
+                let renewed = attachment.renew_claim(&self.topic);
+                if renewed.is_err() {
+                    self.let_go();
+                }
+                self.tell(renewed.is_ok());
+                return renewed;
+            }
+            // What was published before the end comes first.
+            Life::Down | Life::Over if attachment.has_news() => {}
+            Life::Down => self.tell(false),
+            Life::Over => {
+                self.let_go();
+                self.tell(false);
+            }
+        }
+        Ok(())
+    }
+
+    fn tell(&mut self, up: bool) {
+        if self.publisher_up != up {
+            self.publisher_up = up;
+            self.pending = Some(if up { Change::Up } else { Change::Down });
+        }
+    }
+
+    fn hold(&mut self, attachment: Attachment) -> Result<(), Error> {
+        self.waker.attach(Some(attachment.memory().clone()));
+        self.tie = Tie::Attached(attachment);
+        self.look_at_publisher()
+    }
+
+    fn let_go(&mut self) {
+        self.past = self.stats();
+        let past = self.attachment().map(Attachment::past).unwrap_or_default();
+        // The next reader's count begins with what this one still owes.
+        self.past.lost -= past.lost;
+        self.await_topic(past);
+    }
+
+    /// Waits for the topic's file. The watch comes first, so that a file made after the look that follows is noticed.
+    fn await_topic(&mut self, past: Past) {
+        self.waker.attach(None);
+        self.tie = Tie::Awaiting {
+            watch: Watch::new(Path::new(DIRECTORY)).ok(),
+            past,
+        };
+    }
+
+    fn sleep(&self, timeout: Duration) {
+        match &self.tie {
+            Tie::Attached(attachment) => {
+                let news =
+                    || self.waker.is_woken() || attachment.has_news() || !attachment.says_live();
+                wait::sleep(attachment.memory(), attachment.claim().line, timeout, news);
+            }
+            Tie::Awaiting { watch, .. } => {
+                let blind = watch.is_none() || self.topic.path().exists();
+                let timeout = if blind {
+                    timeout.min(UNWATCHED_SLEEP)
+                } else {
+                    timeout
+                };
+                segment::wait_for_either(self.waker.event(), watch.as_ref(), timeout);
+            }
+        }
+    }
+}
+
+impl Drop for Subscriber {
+    fn drop(&mut self) {
+        self.waker.attach(None);
+    }
+}
+
+impl fmt::Debug for Subscriber {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Subscriber")
+            .field("topic", &self.topic.name())
+            .field("publisher_up", &self.publisher_up)
+            .field("stats", &self.stats())
+            .finish_non_exhaustive()
+    }
+}
+
+struct IntoVec<'a> {
+    buffer: &'a mut Vec<u8>,
+}
+
+// SAFETY: a vector has as much room as was reserved, until it is touched again.
+unsafe impl Sink for IntoVec<'_> {
+    #[inline]
+    fn room(&mut self, len: usize) -> *mut u8 {
+        self.buffer.reserve(len);
+        self.buffer.as_mut_ptr()
+    }
+}
+
+struct IntoNew<B, F> {
+    alloc: F,
+    buffer: Option<B>,
+}
+
+// SAFETY: the slice is of the length that was asked for, and its owner stays in place until the next call.
+unsafe impl<B: AsMut<[u8]>, F: FnMut(usize) -> B> Sink for IntoNew<B, F> {
+    fn room(&mut self, len: usize) -> *mut u8 {
+        let room = self.buffer.insert((self.alloc)(len)).as_mut();
+        assert_eq!(
+            room.len(),
+            len,
+            "the buffer must be as long as was asked for"
+        );
+        room.as_mut_ptr()
+    }
+}

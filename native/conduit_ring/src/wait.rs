@@ -1,0 +1,33 @@
+//! Sleeping until there is news, without losing a wake-up.
+
+use std::time::Duration;
+
+use crate::layout::{FUTEX_WORD, ReaderLine, WAITING_MASK};
+use crate::memory::Memory;
+use crate::sync::{Ordering, fence};
+
+/// The longest single sleep: whoever wakes from it looks whether the publisher lives.
+pub(crate) const LONGEST_SLEEP: Duration = Duration::from_millis(500);
+
+/// Sleeps until the writer notifies, unless there is news already. Returns for no reason, too.
+///
+/// `news` is asked once the waiting bit is set: what it does not see then, the writer follows with a wake-up.
+pub(crate) fn sleep(
+    memory: &Memory,
+    line: ReaderLine,
+    timeout: Duration,
+    news: impl FnOnce() -> bool,
+) {
+    // Acquire: meets the Release in writer::notify, so that what came before a bump seen here is seen by `news`.
+    let seen = memory.u32(FUTEX_WORD).load(Ordering::Acquire);
+    memory
+        .u32(WAITING_MASK)
+        .fetch_or(line.bit(), Ordering::Relaxed);
+    fence(Ordering::SeqCst);
+    if !news() {
+        memory.futex_wait(seen, timeout.min(LONGEST_SLEEP));
+    }
+    memory
+        .u32(WAITING_MASK)
+        .fetch_and(!line.bit(), Ordering::Relaxed);
+}

@@ -1,0 +1,137 @@
+//! Publishing, as ring.md's protocol has it: one message after another into the slots of a [`Memory`].
+//!
+//! Orders, each Release with its Acquire:
+//! - `write_intent`, then a release fence, then size, time and payload. A reader that copied any byte of the new message
+//!   meets that fence with its acquire fence after the copy, so its load of `write_intent` sees the intent.
+//! - size, time, payload and sequence, then `write_idx` (Release). A reader's load of `write_idx` (Acquire) that sees it
+//!   finds them.
+//! - `write_idx`, `futex_word`, then a SeqCst fence, then the masks. A sleeper sets its waiting bit, then has a SeqCst
+//!   fence, then checks `write_idx`: at least one of the two sees the other.
+
+use crate::layout::{
+    FUTEX_WORD, LAST_PUBLISH, NATIVE_MASK, POISON, REJECTED_OVERSIZE, SLOT_LEN, SLOT_SEQ_HI,
+    SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO, SUBSCRIBER_MASK, WAITING_MASK, WAKE_COUNT, WRITE_IDX,
+    WRITE_INTENT,
+};
+use crate::memory::Memory;
+use crate::sync::{Ordering, bump, fence};
+
+/// The one writer of a segment. Its `next` is private and authoritative; `write_idx` only tells it to others.
+pub(crate) struct Writer {
+    next: u64,
+}
+
+/// What the wake decision came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Wake {
+    /// Nobody slept: no system call.
+    NotNeeded,
+    /// Sleepers were called, and this many woke.
+    Woke(u32),
+}
+
+impl Writer {
+    /// Goes on where the segment stands: at 0 in a new one, at the predecessor's next message in one that was taken over.
+    pub(crate) fn resume(memory: &Memory) -> Writer {
+        Writer {
+            next: memory.u64(WRITE_IDX).load(Ordering::Acquire),
+        }
+    }
+
+    pub(crate) fn next(&self) -> u64 {
+        self.next
+    }
+
+    /// Publishes the concatenation of `parts`, which fits the slot, and returns its sequence number.
+    #[inline]
+    pub(crate) fn publish(
+        &mut self,
+        memory: &Memory,
+        parts: &[&[u8]],
+        time_ns: u64,
+    ) -> (u64, Wake) {
+        self.begin(memory);
+        let len = self.fill(memory, parts);
+        self.commit(memory, len, time_ns);
+        (self.advance(memory, time_ns), notify(memory))
+    }
+
+    /// Announces that the slot of the next message is about to change. From here on no reader accepts what was in it.
+    #[inline]
+    pub(crate) fn begin(&self, memory: &Memory) {
+        memory
+            .u64(WRITE_INTENT)
+            .store(self.next.wrapping_add(1), Ordering::Relaxed);
+        // The scan of pins, once there are pins, has its place here: behind a SeqCst fence, before the poison.
+        memory.slot(self.next).store(SLOT_SEQ_HI, POISON);
+        // Release: meets the acquire fence in Reader::is_whole.
+        fence(Ordering::Release);
+    }
+
+    #[inline]
+    pub(crate) fn fill(&self, memory: &Memory, parts: &[&[u8]]) -> usize {
+        let slot = memory.slot(self.next);
+        let mut len = 0;
+        for part in parts {
+            slot.write_payload(len, part);
+            len += part.len();
+        }
+        len
+    }
+
+    #[inline]
+    pub(crate) fn commit(&self, memory: &Memory, len: usize, time_ns: u64) {
+        let slot = memory.slot(self.next);
+        slot.store(SLOT_LEN, len as u32);
+        slot.store(SLOT_TIME_LO, time_ns as u32);
+        slot.store(SLOT_TIME_HI, (time_ns >> 32) as u32);
+        // Release: a legacy reader that sees the sequence and has an acquire fence behind it sees the message.
+        fence(Ordering::Release);
+        slot.store(SLOT_SEQ_LO, self.next as u32);
+        slot.store(SLOT_SEQ_HI, (self.next >> 32) as u32);
+    }
+
+    #[inline]
+    pub(crate) fn advance(&mut self, memory: &Memory, time_ns: u64) -> u64 {
+        let sequence = self.next;
+        self.next = sequence.wrapping_add(1);
+        memory.u64(LAST_PUBLISH).store(time_ns, Ordering::Relaxed);
+        // Release: meets the Acquire in reader::published.
+        memory.u64(WRITE_IDX).store(self.next, Ordering::Release);
+        sequence
+    }
+
+    /// Counts a message that does not fit.
+    #[cold]
+    pub(crate) fn reject_oversize(&self, memory: &Memory) {
+        bump(memory.u64(REJECTED_OVERSIZE), 1);
+    }
+}
+
+/// Tells readers that something changed; wakes them only if someone may be asleep.
+#[inline]
+pub(crate) fn notify(memory: &Memory) -> Wake {
+    // Release: meets the Acquire in wait::sleep.
+    memory.u32(FUTEX_WORD).fetch_add(1, Ordering::Release);
+    fence(Ordering::SeqCst);
+    let claimed = memory.u32(SUBSCRIBER_MASK).load(Ordering::Relaxed);
+    let native = memory.u32(NATIVE_MASK).load(Ordering::Relaxed);
+    let waiting = memory.u32(WAITING_MASK).load(Ordering::Relaxed);
+    if (claimed & !native) | waiting == 0 {
+        Wake::NotNeeded
+    } else {
+        wake(memory)
+    }
+}
+
+/// Tells readers that something changed and wakes all of them, whatever the masks say.
+pub(crate) fn notify_all(memory: &Memory) {
+    memory.u32(FUTEX_WORD).fetch_add(1, Ordering::Release);
+    memory.futex_wake();
+}
+
+#[cold]
+fn wake(memory: &Memory) -> Wake {
+    bump(memory.u64(WAKE_COUNT), 1);
+    Wake::Woke(memory.futex_wake())
+}
