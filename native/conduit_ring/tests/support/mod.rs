@@ -197,13 +197,13 @@ impl Raw {
     }
 
     pub fn u32(&self, at: usize) -> &AtomicU32 {
-        assert!(at % 4 == 0 && at + 4 <= self.len);
+        assert!(at.is_multiple_of(4) && at + 4 <= self.len);
         // SAFETY: aligned and inside the mapping, which lives as long as self.
         unsafe { AtomicU32::from_ptr(self.base.wrapping_add(at).cast()) }
     }
 
     pub fn u64(&self, at: usize) -> &AtomicU64 {
-        assert!(at % 8 == 0 && at + 8 <= self.len);
+        assert!(at.is_multiple_of(8) && at + 8 <= self.len);
         // SAFETY: as above.
         unsafe { AtomicU64::from_ptr(self.base.wrapping_add(at).cast()) }
     }
