@@ -21,6 +21,11 @@ fn child() {
         Some((role, topic)) if role == "publisher" => publish_for_ever(&topic),
         Some((role, topic)) if role == "restless publisher" => come_and_go(&topic),
         Some((role, topic)) if role == "restless reader" => claim_and_leave(&topic),
+        Some((role, topic)) if role == "restful publisher" => {
+            let _publisher = Publisher::open(&topic, &options()).unwrap();
+            tell_ready();
+            std::thread::sleep(Duration::MAX);
+        }
         Some((_, topic)) => read_for_ever(&topic),
     }
 }
@@ -250,4 +255,25 @@ fn readers_killed_while_they_claim_and_leave_leak_no_slot() {
     assert_eq!(publisher.info().readers.len(), 16);
     drop(sixteen);
     assert_eq!(publisher.info().readers, []);
+}
+
+#[test]
+fn a_takeover_wakes_a_subscriber_that_sleeps() {
+    let topic = Scratch::new();
+    let helper = Helper::start("restful publisher", &topic);
+    let mut subscriber = Subscriber::open(&topic, &SubscriberOptions::default()).unwrap();
+    assert!(subscriber.publisher_up());
+    helper.kill();
+    let mut buffer = Vec::new();
+    assert_eq!(next(&mut subscriber, &mut buffer), Read::PublisherDown);
+    let sleeper = std::thread::spawn(move || {
+        let read = next(&mut subscriber, &mut buffer);
+        (read, next_message(&mut subscriber, &mut buffer))
+    });
+    while !Info::read(&topic).unwrap().readers[0].waiting {
+        std::thread::yield_now();
+    }
+    let mut successor = Publisher::open(&topic, &options()).unwrap();
+    successor.publish(b"again").unwrap();
+    assert_eq!(sleeper.join().unwrap(), (Read::PublisherUp, (0, 0)));
 }
