@@ -183,6 +183,7 @@ defmodule FirstLightTest do
     {:ok, _} = BB.subscribe(robot, @tags)
     next_tags()
     eventually(fn -> health(robot, :imu).state == :up end)
+    flush_status()
 
     :ok = Sim.unplug(bus, @address)
     assert_receive {:bb, _, %{payload: %Status{state: :backoff}}}, 5000

@@ -116,6 +116,7 @@ defmodule BB.Sensor.Mpu6050 do
       iex> BB.Sensor.Mpu6050.explain({:wrong_chip, "i2c-1", 0x68, 0x70, 0x68})
       "the chip at 0x68 on i2c-1 identifies itself as 0x70, an MPU-6050 as 0x68: check the part and the address"
   """
+  @impl BB.Sensor
   @spec explain(reason()) :: String.t()
   def explain({:no_answer, bus, address}),
     do: "no answer at #{place(bus, address)}: check wiring and power"
@@ -276,10 +277,11 @@ defmodule BB.Sensor.Mpu6050 do
     {:noreply, %{sensor | failures: 0}}
   end
 
-  defp failed({:restarted, _bus, _address} = reason, sensor), do: {:stop, reason, sensor}
+  defp failed({:restarted, _bus, _address} = reason, sensor),
+    do: {:stop, {:shutdown, reason}, sensor}
 
   defp failed(reason, %{failures: failures} = sensor) when failures + 1 >= @most_failures,
-    do: {:stop, reason, sensor}
+    do: {:stop, {:shutdown, reason}, sensor}
 
   defp failed(_reason, sensor), do: {:noreply, %{sensor | failures: sensor.failures + 1}}
 

@@ -341,7 +341,7 @@ defmodule BB.Sensor.Mpu6050Test do
       pid = start!(sensor(context))
       receive_imu()
       between_readings(pid, fn -> :ok = Sim.unplug(context.name, 0x68) end)
-      assert reason_of_end(pid) == {:no_answer, context.name, 0x68}
+      assert reason_of_end(pid) == {:shutdown, {:no_answer, context.name, 0x68}}
       refute_received {:bb, _, _}
     end
 
@@ -354,7 +354,7 @@ defmodule BB.Sensor.Mpu6050Test do
         :ok = Sim.replug(context.name, 0x68)
       end)
 
-      assert reason_of_end(pid) == {:restarted, context.name, 0x68}
+      assert reason_of_end(pid) == {:shutdown, {:restarted, context.name, 0x68}}
       refute_received {:bb, _, _}
     end
 
@@ -368,7 +368,7 @@ defmodule BB.Sensor.Mpu6050Test do
         :ok = Sim.fault(context.name, 0x68, {:nak, 1})
       end)
 
-      assert reason_of_end(pid) == {:restarted, context.name, 0x68}
+      assert reason_of_end(pid) == {:shutdown, {:restarted, context.name, 0x68}}
       refute_received {:bb, _, _}
     end
 
