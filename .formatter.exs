@@ -1,3 +1,14 @@
+# The words of a robot's declaration, which read best without parentheses.
+locals_without_parens =
+  [settings: 1, sensors: 1, topology: 1] ++
+    [link: 1, link: 2, joint: 1, joint: 2, joint: 3, sensor: 2, sensor: 3, sensor: 4] ++
+    [name: 1, type: 1, origin: 1, axis: 1, limit: 1, dynamics: 1] ++
+    [required: 1, retain: 1, max_silence: 1] ++
+    [x: 1, y: 1, z: 1, roll: 1, pitch: 1, yaw: 1] ++
+    [lower: 1, upper: 1, effort: 1, velocity: 1, damping: 1, friction: 1]
+
 [
-  inputs: ["{mix,.formatter}.exs", "{bench,config,examples,lib,rel,test}/**/*.{ex,exs}"]
+  inputs: ["{mix,.formatter}.exs", "{bench,config,examples,lib,rel,test}/**/*.{ex,exs}"],
+  locals_without_parens: locals_without_parens,
+  export: [locals_without_parens: locals_without_parens]
 ]

@@ -165,9 +165,12 @@ defmodule Ganglion.MixProject do
   def application do
     [
       mod: {Ganglion.Application, []},
-      extra_applications: [:logger, :runtime_tools, :sasl]
+      extra_applications: [:logger, :runtime_tools, :sasl] ++ test_applications(Mix.env())
     ]
   end
+
+  defp test_applications(:test), do: [:proper]
+  defp test_applications(_env), do: []
 
   if Version.match?(System.version(), ">= 1.15.0") do
     def cli, do: [preferred_targets: [run: :host, test: :host]]

@@ -5,3 +5,7 @@ config :ganglion, i2c: BB.Bus.Sim.I2C
 
 # Reports of normal starts and stops are for boards that are debugged over a console.
 config :logger, handle_sasl_reports: false
+
+# Standard output belongs to what a command prints; logs go to standard error. (The first key is for Elixir 1.14, the second for newer ones.)
+config :logger, :console, device: :standard_error
+config :logger, :default_handler, config: [type: :standard_error]

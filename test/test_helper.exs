@@ -1,1 +1,2 @@
-ExUnit.start(capture_log: true)
+BB.Test.Probe.setup()
+ExUnit.start(capture_log: true, assert_receive_timeout: 2_000)

@@ -4,6 +4,7 @@ defmodule Ganglion.Application do
 
   @impl Application
   def start(_type, _args) do
-    Supervisor.start_link([], strategy: :one_for_one, name: Ganglion.Supervisor)
+    children = [{Registry, keys: :unique, name: BB.Bus.Sim.Registry}]
+    Supervisor.start_link(children, strategy: :one_for_one, name: Ganglion.Supervisor)
   end
 end

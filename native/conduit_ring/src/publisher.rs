@@ -51,6 +51,7 @@ pub struct Publisher {
     attached: Attached,
     writer: Writer,
     fruitless_wakes: u32,
+    abandoned: bool,
 }
 
 impl Publisher {
@@ -68,6 +69,7 @@ impl Publisher {
             attached,
             writer,
             fruitless_wakes: 0,
+            abandoned: false,
         })
     }
 
@@ -141,15 +143,26 @@ impl Publisher {
 
     /// Ends the topic: subscribers read what is left and then learn that the publisher is gone.
     pub fn close(self) {}
-}
 
-impl Drop for Publisher {
-    fn drop(&mut self) {
+    /// Lets go of the topic as a death would: it stays, and the next publisher goes on with it in place.
+    pub fn abandon(mut self) {
+        self.abandoned = true;
+    }
+
+    fn end_topic(&self) {
         // Release: meets the Acquire in Subscriber's look at the state.
         self.attached.memory.u32(STATE).store(STATE_CLOSED, Release);
         writer::notify_all(&self.attached.memory);
         // A name that cannot be removed is replaced by the next publisher: the state says closed.
         let _ = self.attached.segment.unlink(self.topic.path());
+    }
+}
+
+impl Drop for Publisher {
+    fn drop(&mut self) {
+        if !self.abandoned {
+            self.end_topic();
+        }
         // A mapping elsewhere may keep the open file alive, and so the lock.
         let _ = self.attached.segment.unlock(PUBLISHER_LOCK);
     }

@@ -230,6 +230,11 @@ impl Subscriber {
         }
     }
 
+    /// Which messages to get from now on after falling behind.
+    pub fn set_policy(&mut self, policy: Policy) {
+        self.policy = policy;
+    }
+
     /// A handle for waking this subscriber from another thread.
     pub fn waker(&self) -> Waker {
         self.waker.clone()

@@ -1,0 +1,150 @@
+defmodule BB.Bus.Sim.I2C do
+  @moduledoc """
+  Simulated I2C with the interface of `Circuits.I2C` 2: the same names, arities, results and error atoms.
+
+  A driver takes its bus's module from `BB.Bus.I2C` and so runs on either:
+
+      i2c = BB.Bus.I2C.module(opts[:i2c])
+      {:ok, bus} = i2c.open("i2c-1", timeout: 20)
+      {:ok, <<0x68>>} = i2c.write_read(bus, 0x68, <<0x75>>, 1)
+
+  The buses are made and broken by `BB.Bus.Sim`.
+
+  ## Errors
+
+  | term | cause |
+  |---|---|
+  | `{:error, :bus_not_found}` | `open/2`: no bus of this name runs |
+  | `{:error, :i2c_nak}` | nobody answers at the address, or the device refuses |
+  | `{:error, :enxio}` | the same, as some adapters say it; here only as a fault |
+  | `{:error, :timeout}` | the device held the bus for the handle's timeout |
+  | `{:error, :retry}` | the bus was lost to another master |
+  | `{:error, {:errno, 9}}` | the handle is closed |
+  | `{:error, {:errno, 19}}` | the bus was stopped since it was opened |
+  | `{:error, {:errno, 22}}` | more than 8192 bytes at once |
+  | `{:error, {:errno, n}}` | what a fault says |
+
+  A wrong argument (an address that is no integer, data that is no iodata, a negative count) raises `ArgumentError`.
+  """
+  alias BB.Bus.Sim.Server
+
+  @enforce_keys [:name, :pid, :closed, :retries, :timeout_ms]
+  defstruct [:name, :pid, :closed, :retries, :timeout_ms, flags: [:supports_empty_write]]
+
+  @typedoc "An open bus. It belongs to no process, may be shared, and is closed for all who have it."
+  @type t :: %__MODULE__{}
+
+  @typedoc "A 7-bit device address."
+  @type address :: 0..127
+
+  @default_timeout_ms 1000
+  @longest 8192
+  @bad_file_descriptor 9
+  @invalid_argument 22
+
+  @doc """
+  Opens a bus. Options:
+
+  - `:timeout`: how long a device may hold the bus, in milliseconds; counted in steps of 10 as Linux does, at least one. Below 0, the default: 1000;
+  - `:retries`: how often a failed transfer is tried again; default 0.
+
+  Others are ignored.
+  """
+  @spec open(String.t(), keyword()) :: {:ok, t()} | {:error, :bus_not_found}
+  def open(name, opts \\ []) when is_binary(name) do
+    retries = retries!(Keyword.get(opts, :retries, 0))
+    timeout_ms = timeout_ms!(Keyword.get(opts, :timeout, -1))
+
+    case Server.fetch(name) do
+      {:ok, pid} -> {:ok, handle(name, pid, retries, timeout_ms)}
+      :error -> {:error, :bus_not_found}
+    end
+  end
+
+  @doc "Reads `count` bytes from the device. `retries:` overrides that of `open/2`."
+  @spec read(t(), address(), non_neg_integer(), keyword()) :: {:ok, binary()} | {:error, term()}
+  def read(%__MODULE__{} = bus, address, count, opts \\ []),
+    do: transfer(bus, address, {nil, count!(count)}, opts)
+
+  @doc "Writes bytes to the device. None at all asks only whether it is there."
+  @spec write(t(), address(), iodata(), keyword()) :: :ok | {:error, term()}
+  def write(%__MODULE__{} = bus, address, data, opts \\ []),
+    do: transfer(bus, address, {IO.iodata_to_binary(data), nil}, opts)
+
+  @doc "Writes bytes and then reads `count`, as one transfer that no other comes between."
+  @spec write_read(t(), address(), iodata(), non_neg_integer(), keyword()) ::
+          {:ok, binary()} | {:error, term()}
+  def write_read(%__MODULE__{} = bus, address, data, count, opts \\ []),
+    do: transfer(bus, address, {IO.iodata_to_binary(data), count!(count)}, opts)
+
+  @doc "Closes the handle; once more changes nothing."
+  @spec close(t()) :: :ok
+  def close(%__MODULE__{closed: closed}), do: :atomics.put(closed, 1, 1)
+
+  @doc "The names of the buses there are, sorted."
+  @spec bus_names() :: [String.t()]
+  def bus_names, do: Server.names()
+
+  @doc "The addresses from 0x03 to 0x77 where a device answers. Reading may disturb some devices, as on real wires."
+  @spec detect_devices(t() | String.t()) :: [address()] | {:error, term()}
+  def detect_devices(%__MODULE__{} = bus), do: Enum.filter(0x03..0x77, &device_present?(bus, &1))
+
+  def detect_devices(name) when is_binary(name) do
+    with {:ok, bus} <- open(name) do
+      found = detect_devices(bus)
+      close(bus)
+      found
+    end
+  end
+
+  @doc "Whether a device answers at the address: to an empty write, or to a read where that could overwrite a memory chip."
+  @spec device_present?(t(), address()) :: boolean()
+  def device_present?(bus, address) when address in 0x30..0x37 or address in 0x50..0x5F,
+    do: match?({:ok, _}, read(bus, address, 1))
+
+  def device_present?(bus, address), do: write(bus, address, <<>>) == :ok
+
+  defp handle(name, pid, retries, timeout_ms) do
+    %__MODULE__{
+      name: name,
+      pid: pid,
+      closed: :atomics.new(1, []),
+      retries: retries,
+      timeout_ms: timeout_ms
+    }
+  end
+
+  defp transfer(bus, address, request, opts) do
+    transfer = %{
+      address: address!(address),
+      request: request,
+      retries: retries!(Keyword.get(opts, :retries, bus.retries)),
+      timeout_ms: bus.timeout_ms
+    }
+
+    cond do
+      :atomics.get(bus.closed, 1) == 1 -> {:error, {:errno, @bad_file_descriptor}}
+      too_long?(request) -> {:error, {:errno, @invalid_argument}}
+      true -> Server.transfer(bus.pid, transfer)
+    end
+  end
+
+  defp too_long?({data, count}), do: byte_size(data || <<>>) > @longest or (count || 0) > @longest
+
+  defp timeout_ms!(timeout) when is_integer(timeout) and timeout < 0, do: @default_timeout_ms
+  defp timeout_ms!(timeout) when is_integer(timeout), do: max(div(timeout + 5, 10), 1) * 10
+  defp timeout_ms!(_), do: raise(ArgumentError, "timeout must be an integer")
+
+  defp retries!(retries) when is_integer(retries) and retries >= 0, do: retries
+  defp retries!(_), do: raise(ArgumentError, "retries must be a non-negative integer")
+
+  defp address!(address) when is_integer(address) and address >= 0, do: address
+
+  defp address!(other),
+    do: raise(ArgumentError, "expected a 7-bit address, got: #{inspect(other)}")
+
+  defp count!(count) when is_integer(count) and count >= 0, do: count
+
+  defp count!(other),
+    do: raise(ArgumentError, "expected the number of bytes to read, got: #{inspect(other)}")
+end

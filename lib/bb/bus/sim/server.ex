@@ -1,0 +1,203 @@
+defmodule BB.Bus.Sim.Server do
+  @moduledoc """
+  The process that is one simulated bus. Used through `BB.Bus.Sim` and `BB.Bus.Sim.I2C`.
+
+  Transfers wait in a queue for the bus to be free, whereas orders to the simulation (unplug, fault, …) are obeyed at once.
+  """
+  use GenServer
+
+  alias BB.Bus.Sim.Slot
+
+  @registry BB.Bus.Sim.Registry
+  @no_such_device 19
+  @ns_per_ms 1_000_000
+
+  @type transfer :: %{
+          address: non_neg_integer(),
+          request: Slot.request(),
+          retries: non_neg_integer(),
+          timeout_ms: pos_integer()
+        }
+
+  @doc false
+  def start_link({name, opts}),
+    do: GenServer.start_link(__MODULE__, opts, name: {:via, Registry, {@registry, name}})
+
+  @doc "The names of the buses that run now, sorted."
+  @spec names() :: [String.t()]
+  def names do
+    @registry
+    |> Registry.select([{{:"$1", :_, :_}, [], [:"$1"]}])
+    |> Enum.filter(&(fetch(&1) != :error))
+    |> Enum.sort()
+  end
+
+  @doc "The process of a bus."
+  @spec fetch(String.t()) :: {:ok, pid()} | :error
+  def fetch(name) do
+    case Registry.whereis_name({@registry, name}) do
+      :undefined -> :error
+      pid -> {:ok, pid}
+    end
+  end
+
+  @doc "Gives the bus an order; `{:error, :bus_not_found}` where there is none."
+  def call(name, order) when is_binary(name) do
+    GenServer.call({:via, Registry, {@registry, name}}, order, :infinity)
+  catch
+    :exit, {:noproc, _} -> {:error, :bus_not_found}
+  end
+
+  @doc "Performs a transfer. A bus that was taken away since it was opened is the kernel's ENODEV."
+  @spec transfer(pid(), transfer()) :: :ok | {:ok, binary()} | {:error, term()}
+  def transfer(pid, transfer) do
+    GenServer.call(pid, {:transfer, transfer}, :infinity)
+  catch
+    :exit, _ -> {:error, {:errno, @no_such_device}}
+  end
+
+  @impl GenServer
+  def init(opts) do
+    check_options!(opts)
+
+    bus = %{
+      slots: %{},
+      clock: opts[:clock] || (&monotonic_ns/0),
+      clock_hz: opts[:clock_hz],
+      free_at_ns: monotonic_ns(),
+      holder: nil,
+      queue: :queue.new()
+    }
+
+    plug_all(Enum.to_list(opts[:devices] || []), bus)
+  end
+
+  @impl GenServer
+  def handle_call({:transfer, transfer}, from, bus),
+    do: {:noreply, serve(%{bus | queue: :queue.in({from, transfer}, bus.queue)})}
+
+  def handle_call(:devices, _from, bus), do: {:reply, Map.new(bus.slots, &describe/1), bus}
+
+  def handle_call({:plug, address, device}, _from, bus) do
+    case plug(address, device, bus) do
+      {:ok, bus} -> {:reply, :ok, bus}
+      error -> {:reply, error, bus}
+    end
+  end
+
+  def handle_call({order, address}, _from, bus), do: obey(order, address, bus)
+  def handle_call({:fault, address, fault}, _from, bus), do: obey({:fault, fault}, address, bus)
+
+  @impl GenServer
+  def handle_info(:free, %{holder: {from, answer}} = bus) do
+    GenServer.reply(from, answer)
+    {:noreply, serve(%{bus | holder: nil})}
+  end
+
+  # Transfers: one holds the bus at a time.
+
+  defp serve(%{holder: nil} = bus) do
+    case :queue.out(bus.queue) do
+      {:empty, _} -> bus
+      {{:value, {from, transfer}}, queue} -> serve(perform(from, transfer, %{bus | queue: queue}))
+    end
+  end
+
+  defp serve(bus), do: bus
+
+  defp perform(from, transfer, bus) do
+    slot = bus.slots[transfer.address]
+    {answer, cost_ns, slot} = attempt(slot, transfer, transfer.retries, 0, bus)
+    slots = if slot, do: Map.put(bus.slots, transfer.address, slot), else: bus.slots
+    reply(from, answer, cost_ns, %{bus | slots: slots})
+  end
+
+  defp attempt(slot, transfer, retries, spent_ns, bus) do
+    {answer, slot} = Slot.attempt(slot, transfer.request, bus.clock.())
+    spent_ns = spent_ns + cost_ns(answer, transfer, bus.clock_hz)
+
+    if retries > 0 and match?({:error, _}, answer),
+      do: attempt(slot, transfer, retries - 1, spent_ns, bus),
+      else: {answer, spent_ns, slot}
+  end
+
+  defp cost_ns({:error, :timeout}, transfer, _clock_hz), do: transfer.timeout_ms * @ns_per_ms
+  defp cost_ns(_answer, _transfer, nil), do: 0
+
+  defp cost_ns(answer, transfer, clock_hz),
+    do: div(9 * bytes(answer, transfer.request) * 1_000_000_000, clock_hz)
+
+  defp bytes({:error, _}, _request), do: 1
+  defp bytes(_answer, {data, nil}), do: 1 + byte_size(data)
+  defp bytes(_answer, {nil, count}), do: 1 + count
+  defp bytes(_answer, {data, count}), do: 2 + byte_size(data) + count
+
+  defp reply(from, answer, 0, bus) do
+    GenServer.reply(from, answer)
+    bus
+  end
+
+  defp reply(from, answer, cost_ns, bus) do
+    now_ns = monotonic_ns()
+    free_at_ns = max(now_ns, bus.free_at_ns) + cost_ns
+    bus = %{bus | free_at_ns: free_at_ns}
+
+    if free_at_ns - now_ns < @ns_per_ms do
+      reply(from, answer, 0, bus)
+    else
+      Process.send_after(self(), :free, div(free_at_ns - now_ns + @ns_per_ms - 1, @ns_per_ms))
+      %{bus | holder: {from, answer}}
+    end
+  end
+
+  # Orders to the simulation.
+
+  defp obey(order, address, bus) do
+    with {:ok, slot} <- fetch_slot(bus, address), {:ok, slot} <- change(order, slot, bus) do
+      {:reply, :ok, put_in(bus.slots[address], slot)}
+    else
+      error -> {:reply, error, bus}
+    end
+  end
+
+  defp fetch_slot(bus, address) do
+    with :error <- Map.fetch(bus.slots, address), do: {:error, :no_device}
+  end
+
+  defp change(:unplug, slot, _bus), do: {:ok, %{slot | plugged?: false, fault: nil}}
+  defp change(:replug, slot, bus), do: Slot.replug(slot, bus.clock.())
+  defp change({:fault, fault}, slot, _bus), do: {:ok, %{slot | fault: fault}}
+
+  defp plug(address, device, bus) do
+    case bus.slots[address] do
+      %{plugged?: true} ->
+        {:error, :address_taken}
+
+      _ ->
+        with {:ok, slot} <- Slot.new(device, bus.clock.()),
+             do: {:ok, put_in(bus.slots[address], slot)}
+    end
+  end
+
+  defp plug_all([], bus), do: {:ok, bus}
+
+  defp plug_all([{address, device} | rest], bus) do
+    case plug(address, device, bus) do
+      {:ok, bus} -> plug_all(rest, bus)
+      {:raise, exception} -> {:stop, exception}
+      {:error, reason} -> {:stop, {address, reason}}
+    end
+  end
+
+  defp describe({address, slot}),
+    do: {address, Map.take(slot, [:module, :plugged?, :fault, :broken?, :transfers])}
+
+  defp check_options!(opts) do
+    case Keyword.keys(opts) -- [:devices, :clock, :clock_hz] do
+      [] -> :ok
+      unknown -> raise ArgumentError, "unknown options of a bus: #{inspect(unknown)}"
+    end
+  end
+
+  defp monotonic_ns, do: System.monotonic_time(:nanosecond)
+end

@@ -1,0 +1,74 @@
+defmodule BB.Component.Backoff do
+  @moduledoc """
+  How long to wait before a component is started again: exponential, with jitter, for ever. Pure.
+
+      delay = min(base · 2ⁿ, cap) × a random factor in 0.5..1.0
+
+  n counts the failures of one cause since the last stable run, so the first retry comes within 100 ms. There are two
+  causes, counted apart:
+
+    * `:absent` - the component said itself that it cannot work: its `init` returned `{:stop, reason}`, or a later callback
+      did. That is a device which does not answer. Asking it again costs one transfer, and it must be back soon after its
+      wire is: the cap is 750 ms.
+    * `:crash` - it raised, exited or was killed. That is a mistake in code, which costs a report in the log each time and
+      seldom heals by itself: the cap is 5 s.
+
+  A run is stable when it lasted at least a second, and at least four times the delay before it. A stable run forgets all
+  failures.
+
+      iex> backoff = BB.Component.Backoff.new(random: fn -> 1.0 end)
+      iex> {first, backoff} = BB.Component.Backoff.next(backoff, :crash)
+      iex> {second, backoff} = BB.Component.Backoff.next(backoff, :crash)
+      iex> backoff = BB.Component.Backoff.ran(backoff, 3_000)
+      iex> {third, _backoff} = BB.Component.Backoff.next(backoff, :crash)
+      iex> {first, second, third}
+      {100, 200, 100}
+  """
+
+  @base_ms 100
+  @caps_ms %{absent: 750, crash: 5_000}
+  @stable_ms 1_000
+  @stable_delays 4
+
+  defstruct failures: %{absent: 0, crash: 0}, delay_ms: 0, random: &:rand.uniform/0
+
+  @type cause :: :absent | :crash
+
+  @typedoc "`random` returns a float in 0.0..1.0; the default is `:rand.uniform/0`."
+  @type t :: %__MODULE__{
+          failures: %{cause() => non_neg_integer()},
+          delay_ms: non_neg_integer(),
+          random: (() -> float())
+        }
+
+  @doc "A backoff without failures. `random:` replaces the source of randomness, for exact tests."
+  @spec new(random: (() -> float())) :: t()
+  def new(opts \\ []), do: struct!(__MODULE__, opts)
+
+  @doc "Counts a failure: `{delay_ms, backoff}`."
+  @spec next(t(), cause()) :: {pos_integer(), t()}
+  def next(%__MODULE__{} = backoff, cause) do
+    factor = 0.5 + backoff.random.() / 2
+    delay_ms = trunc(longest_ms(backoff, cause) * factor)
+    failures = Map.update!(backoff.failures, cause, &(&1 + 1))
+    {delay_ms, %{backoff | failures: failures, delay_ms: delay_ms}}
+  end
+
+  @doc "The longest delay that the next failure of `cause` can bring, in milliseconds."
+  @spec longest_ms(t(), cause()) :: pos_integer()
+  def longest_ms(%__MODULE__{failures: failures}, cause) do
+    grow(@base_ms, Map.fetch!(failures, cause), Map.fetch!(@caps_ms, cause))
+  end
+
+  @doc "Tells of a run that ended after `run_ms` milliseconds; a stable one forgets the failures before it."
+  @spec ran(t(), non_neg_integer()) :: t()
+  def ran(%__MODULE__{} = backoff, run_ms) do
+    if run_ms >= @stable_ms and run_ms >= @stable_delays * backoff.delay_ms,
+      do: new(random: backoff.random),
+      else: backoff
+  end
+
+  defp grow(ms, _doublings, cap_ms) when ms >= cap_ms, do: cap_ms
+  defp grow(ms, 0, _cap_ms), do: ms
+  defp grow(ms, doublings, cap_ms), do: grow(2 * ms, doublings - 1, cap_ms)
+end

@@ -1,0 +1,97 @@
+defmodule BB.Component.Condition do
+  @moduledoc """
+  How a component fares, and what each thing that happens to it makes of that. Pure; times are monotonic nanoseconds.
+
+  The states:
+
+    * `:starting` - since the robot was started its first `init` has not returned
+    * `:up` - it runs
+    * `:stale` - it runs but is silent: it published nothing for its `max_silence`, or its `init` does not return
+    * `:backoff` - it went down and is started again after `retry_in_ms`; so until its `init` has returned `{:ok, …}`
+    * `:ignored` - its `init` returned `:ignore`; it is not started again
+  """
+
+  alias BB.Component.{Backoff, Reason}
+
+  @enforce_keys [:since_ns]
+  defstruct [
+    :since_ns,
+    :up_since_ns,
+    :reason,
+    :retry_in_ms,
+    state: :starting,
+    restarts: 0,
+    backoff: Backoff.new()
+  ]
+
+  @type state :: :starting | :up | :stale | :backoff | :ignored
+
+  @type t :: %__MODULE__{
+          since_ns: integer(),
+          up_since_ns: integer() | nil,
+          reason: term(),
+          retry_in_ms: pos_integer() | nil,
+          state: state(),
+          restarts: non_neg_integer(),
+          backoff: Backoff.t()
+        }
+
+  @doc "A component that is started for the first time, or whose keeper is, after so many `restarts`."
+  @spec new(integer(), non_neg_integer()) :: t()
+  def new(now_ns, restarts \\ 0), do: %__MODULE__{since_ns: now_ns, restarts: restarts}
+
+  @doc "It is started again."
+  @spec restarted(t()) :: t()
+  def restarted(condition),
+    do: %{condition | restarts: condition.restarts + 1, retry_in_ms: nil}
+
+  @doc "Its `init` succeeded."
+  @spec up(t(), integer()) :: t()
+  def up(condition, now_ns), do: %{enter(condition, :up, nil, now_ns) | up_since_ns: now_ns}
+
+  @doc "It went down: it crashed, or said that its device is absent."
+  @spec down(t(), Backoff.cause(), term(), integer()) :: t()
+  def down(condition, cause, reason, now_ns) do
+    {delay_ms, backoff} =
+      condition.backoff |> Backoff.ran(run_ms(condition, now_ns)) |> Backoff.next(cause)
+
+    condition = enter(condition, :backoff, Reason.plain(reason), now_ns)
+    %{condition | up_since_ns: nil, retry_in_ms: delay_ms, backoff: backoff}
+  end
+
+  @doc "Its `init` returned `:ignore`."
+  @spec ignored(t(), integer()) :: t()
+  def ignored(condition, now_ns),
+    do: %{enter(condition, :ignored, nil, now_ns) | up_since_ns: nil}
+
+  @doc "It runs but is silent."
+  @spec silent(t(), term(), integer()) :: t()
+  def silent(condition, reason, now_ns), do: enter(condition, :stale, reason, now_ns)
+
+  @doc "It published something."
+  @spec heard(t(), integer()) :: t()
+  def heard(%{state: :stale, up_since_ns: up_since_ns} = condition, now_ns)
+      when is_integer(up_since_ns),
+      do: enter(condition, :up, nil, now_ns)
+
+  def heard(condition, _now_ns), do: condition
+
+  @doc "Whether the second differs from the first in a way that the world should hear about."
+  @spec news?(t(), t()) :: boolean()
+  def news?(old, new), do: {old.state, old.reason} != {new.state, new.reason}
+
+  @doc "Whether it is in a state that calls for an alarm."
+  @spec alarming?(t()) :: boolean()
+  def alarming?(condition), do: condition.state in [:backoff, :stale]
+
+  defp enter(%{state: state} = condition, state, reason, _now_ns),
+    do: %{condition | reason: reason, retry_in_ms: nil}
+
+  defp enter(condition, state, reason, now_ns),
+    do: %{condition | state: state, reason: reason, retry_in_ms: nil, since_ns: now_ns}
+
+  defp run_ms(%{up_since_ns: nil}, _now_ns), do: 0
+
+  defp run_ms(condition, now_ns),
+    do: System.convert_time_unit(now_ns - condition.up_since_ns, :nanosecond, :millisecond)
+end

@@ -1,0 +1,99 @@
+defmodule BB.Component.Health do
+  @moduledoc """
+  How a robot's components fare, for anyone to look up. Each keeper holds a row of its own in the robot's registry, so
+  nobody waits for anybody.
+  """
+
+  alias BB.Component
+  alias BB.Component.Condition
+
+  @typedoc """
+  One component. `pid` is `nil` while it is down; `reason` says why it is not up; `since` is the monotonic time in
+  nanoseconds at which it entered its state; `restarts` counts since the robot was started.
+  """
+  @type row :: %{
+          name: atom(),
+          path: [atom()],
+          module: module(),
+          required: boolean(),
+          state: Condition.state(),
+          pid: pid() | nil,
+          restarts: non_neg_integer(),
+          reason: term(),
+          retry_in_ms: pos_integer() | nil,
+          since: integer()
+        }
+
+  @doc "All components of a kind, in the order of their declaration. Raises `ArgumentError` when the robot is not started."
+  @spec list(module(), module()) :: [row()]
+  def list(robot, kind) do
+    registry = started!(robot)
+    for %{kind: ^kind} = component <- robot.robot().components, do: row(registry, component)
+  end
+
+  @doc "Enters a keeper's row, for as long as the calling process lives."
+  @spec register(module(), Component.t(), Condition.t(), pid() | nil) :: :ok
+  def register(robot, component, condition, pid) do
+    registry = BB.Process.registry_name(robot)
+    Registry.register(registry, key(component), to_row(component, condition, pid))
+    :ok
+  end
+
+  @doc "Renews the calling keeper's row."
+  @spec put(module(), Component.t(), Condition.t(), pid() | nil) :: :ok
+  def put(robot, component, condition, pid) do
+    registry = BB.Process.registry_name(robot)
+    row = to_row(component, condition, pid)
+    Registry.update_value(registry, key(component), fn _old -> row end)
+    left = {condition.restarts, Condition.alarming?(condition)}
+    Registry.put_meta(registry, {:kept, component.name}, left)
+  rescue
+    # The registry is being restarted; the keeper enters its row again.
+    ArgumentError -> :ok
+  end
+
+  @doc """
+  What a keeper that died has left to the one after it: `{restarts, alarming?}`, `nil` when this one is the first.
+  """
+  @spec left(module(), Component.t()) :: {non_neg_integer(), boolean()} | nil
+  def left(robot, component) do
+    case Registry.meta(BB.Process.registry_name(robot), {:kept, component.name}) do
+      {:ok, left} -> left
+      :error -> nil
+    end
+  rescue
+    ArgumentError -> nil
+  end
+
+  defp row(registry, component) do
+    case Registry.lookup(registry, key(component)) do
+      [{_keeper, row}] -> row
+      [] -> to_row(component, Condition.new(System.monotonic_time(:nanosecond)), nil)
+    end
+  end
+
+  defp to_row(component, condition, pid) do
+    %{
+      name: component.name,
+      path: component.path,
+      module: component.module,
+      required: component.required,
+      state: condition.state,
+      pid: pid,
+      restarts: condition.restarts,
+      reason: condition.reason,
+      retry_in_ms: condition.retry_in_ms,
+      since: condition.since_ns
+    }
+  end
+
+  defp key(component), do: {:keeper, component.name}
+
+  defp started!(robot) do
+    registry = BB.Process.registry_name(robot)
+
+    if Process.whereis(registry),
+      do: registry,
+      else: raise(ArgumentError, "the robot #{inspect(robot)} is not started")
+  end
+end

@@ -1,0 +1,272 @@
+defmodule BB.Component.Keeper do
+  @moduledoc """
+  Keeps one component running, so that its faults reach nobody else.
+
+  The keeper is a component's supervisor, with two differences from OTP's: it starts a component again for ever, after the
+  delays of `BB.Component.Backoff`, and so uses no supervisor's restart budget; and it does not wait for the component's
+  `init/1`, so that a device which does not answer holds up neither the robot's start nor another component.
+
+  What it knows of the component is a `BB.Component.Condition`. On each change of state it publishes a
+  `BB.Message.Sensor.Status` on `[:sensor_status | path]`, sets or clears the OTP alarm `{kind, robot, path}`, emits the
+  telemetry event `[:bb, :sensor, :status]`, logs, and renews its row in `health/2` (for other kinds of components their
+  word stands in the place of `sensor`).
+
+  A component with a `max_silence` has its messages watched: the keeper subscribes to their path.
+  """
+
+  use GenServer
+
+  alias BB.Component
+  alias BB.Component.{Announcer, Condition, Health, Server}
+
+  @init_timeout_ms 5_000
+  @shutdown_ms 5_000
+  @attach_ms 10
+
+  @enforce_keys [:robot, :component, :condition]
+  defstruct [
+    :robot,
+    :component,
+    :condition,
+    :server,
+    :predecessor,
+    :watch,
+    :heard_ns,
+    ready?: false,
+    stopping?: false
+  ]
+
+  @doc "A permanent place for the component under a supervisor of the robot's tree."
+  @spec child_spec({module(), Component.t()}) :: Supervisor.child_spec()
+  def child_spec({robot, component}) do
+    %{
+      id: {component.kind.component_kind(), component.name},
+      start: {__MODULE__, :start_link, [{robot, component}]},
+      type: :supervisor,
+      shutdown: :infinity
+    }
+  end
+
+  @doc "Starts the keeper and its component."
+  @spec start_link({module(), Component.t()}) :: GenServer.on_start()
+  def start_link({robot, component}), do: GenServer.start_link(__MODULE__, {robot, component})
+
+  @impl GenServer
+  def init({robot, component}) do
+    Process.flag(:trap_exit, true)
+    # Tools that draw supervision trees ask a supervisor for its children.
+    Process.put(:"$initial_call", {:supervisor, __MODULE__, 1})
+
+    condition = Condition.new(now_ns(), inherit(robot, component))
+    keeper = %__MODULE__{robot: robot, component: component, condition: condition}
+    {:ok, keeper |> attach() |> start()}
+  end
+
+  defp inherit(robot, component) do
+    case Health.left(robot, component) do
+      nil ->
+        0
+
+      {restarts, alarming?} ->
+        if alarming?, do: Announcer.clear_alarm(robot, component)
+        restarts + 1
+    end
+  end
+
+  @impl GenServer
+  def handle_call(:which_children, _from, keeper) do
+    child = {keeper.component.name, keeper.server || :restarting, :worker, [Server]}
+    {:reply, [child], keeper}
+  end
+
+  def handle_call(:count_children, _from, keeper) do
+    active = if keeper.server, do: 1, else: 0
+    {:reply, [specs: 1, active: active, supervisors: 0, workers: 1], keeper}
+  end
+
+  @impl GenServer
+  def handle_info({Server, pid, :up}, %{server: pid} = keeper) do
+    now_ns = now_ns()
+
+    %{keeper | ready?: true, heard_ns: now_ns}
+    |> become(Condition.up(keeper.condition, now_ns))
+    |> watch_silence(now_ns)
+    |> noreply()
+  end
+
+  def handle_info({Server, pid, {:stopping, _reason}}, %{server: pid} = keeper),
+    do: noreply(%{keeper | stopping?: true})
+
+  def handle_info({:EXIT, pid, reason}, %{server: pid} = keeper),
+    do: %{keeper | server: nil, ready?: false, watch: nil} |> ended(reason) |> noreply()
+
+  def handle_info({:EXIT, _pid, :normal}, keeper), do: noreply(keeper)
+
+  # The robot's registry or bus went down and took what the keeper had there with it.
+  def handle_info({:EXIT, _pid, _reason}, keeper), do: noreply(attach_later(keeper))
+  def handle_info(:attach, keeper), do: keeper |> attach() |> noreply()
+
+  def handle_info(:retry, %{server: nil} = keeper),
+    do: %{keeper | condition: Condition.restarted(keeper.condition)} |> start() |> noreply()
+
+  def handle_info({:DOWN, ref, :process, _pid, _reason}, %{predecessor: ref} = keeper),
+    do: %{keeper | predecessor: nil} |> start() |> noreply()
+
+  def handle_info({:bb, _path, _message}, keeper), do: keeper |> heard(now_ns()) |> noreply()
+
+  def handle_info({:timeout, watch, :watch}, %{watch: watch} = keeper),
+    do: %{keeper | watch: nil} |> check_silence(now_ns()) |> noreply()
+
+  def handle_info(_message, keeper), do: noreply(keeper)
+
+  @impl GenServer
+  def terminate(_reason, keeper) do
+    stop_server(keeper)
+
+    if Condition.alarming?(keeper.condition),
+      do: Announcer.clear_alarm(keeper.robot, keeper.component)
+  end
+
+  # Starting
+
+  defp start(keeper) do
+    case start_server(keeper) do
+      {:ok, pid} ->
+        %{keeper | server: pid, ready?: false, stopping?: false}
+        |> watch(@init_timeout_ms)
+        |> become(keeper.condition)
+
+      # What a killed keeper left behind has to be gone before another may have its device.
+      {:error, {:already_started, pid}} ->
+        Process.exit(pid, :kill)
+        %{keeper | predecessor: Process.monitor(pid)}
+
+      {:error, reason} ->
+        down(keeper, :absent, reason)
+    end
+  end
+
+  defp start_server(%{robot: robot, component: component}) do
+    Server.start_link(
+      [
+        __callback_module__: component.module,
+        __kind__: component.kind,
+        __keeper__: self(),
+        bb: %{robot: robot, path: component.path}
+      ] ++ component.options
+    )
+  rescue
+    # The registry is being restarted.
+    error in ArgumentError -> {:error, error}
+  end
+
+  # Ending
+
+  defp ended(keeper, {:shutdown, {Server, {:absent, reason}}}), do: down(keeper, :absent, reason)
+
+  defp ended(keeper, {:shutdown, {Server, :ignored}}),
+    do: become(keeper, Condition.ignored(keeper.condition, now_ns()))
+
+  defp ended(%{stopping?: true} = keeper, reason), do: down(keeper, :absent, reason)
+  defp ended(keeper, reason), do: down(keeper, :crash, reason)
+
+  defp down(keeper, cause, reason) do
+    condition = Condition.down(keeper.condition, cause, reason, now_ns())
+    Process.send_after(self(), :retry, condition.retry_in_ms)
+    become(keeper, condition)
+  end
+
+  # Terminating by a message runs terminate/2 in a process that does not trap exits; init has nothing to terminate yet.
+  defp stop_server(%{server: nil}), do: :ok
+  defp stop_server(%{server: pid, ready?: false}), do: kill(pid)
+
+  defp stop_server(%{server: pid}) do
+    GenServer.stop(pid, :shutdown, @shutdown_ms)
+  catch
+    :exit, _reason -> kill(pid)
+  end
+
+  defp kill(pid) do
+    ref = Process.monitor(pid)
+    Process.exit(pid, :kill)
+
+    receive do
+      {:DOWN, ^ref, :process, ^pid, _reason} -> :ok
+    end
+  end
+
+  # Silence
+
+  defp watch_silence(%{component: %{max_silence_ns: nil}} = keeper, _now_ns),
+    do: %{keeper | watch: nil}
+
+  defp watch_silence(keeper, now_ns) do
+    left_ns = keeper.heard_ns + keeper.component.max_silence_ns - now_ns
+    watch(keeper, max(div(left_ns + 999_999, 1_000_000), 0))
+  end
+
+  defp watch(keeper, after_ms),
+    do: %{keeper | watch: :erlang.start_timer(after_ms, self(), :watch)}
+
+  defp check_silence(%{server: nil} = keeper, _now_ns), do: keeper
+
+  defp check_silence(%{ready?: false} = keeper, now_ns),
+    do:
+      become(
+        keeper,
+        Condition.silent(keeper.condition, {:init_timeout, @init_timeout_ms}, now_ns)
+      )
+
+  defp check_silence(%{component: %{max_silence_ns: max_ns}} = keeper, now_ns) do
+    if now_ns - keeper.heard_ns >= max_ns do
+      reason = {:silent, div(max_ns, 1_000_000)}
+      become(keeper, Condition.silent(keeper.condition, reason, now_ns))
+    else
+      watch_silence(keeper, now_ns)
+    end
+  end
+
+  defp heard(%{ready?: true, condition: %{state: :stale}} = keeper, now_ns) do
+    %{keeper | heard_ns: now_ns}
+    |> become(Condition.heard(keeper.condition, now_ns))
+    |> watch_silence(now_ns)
+  end
+
+  defp heard(keeper, now_ns), do: %{keeper | heard_ns: now_ns}
+
+  # Telling
+
+  defp become(keeper, condition) do
+    old = keeper.condition
+    keeper = %{keeper | condition: condition}
+    Health.put(keeper.robot, keeper.component, condition, keeper.server)
+
+    if Condition.news?(old, condition),
+      do: Announcer.announce(keeper.robot, keeper.component, old, condition)
+
+    keeper
+  end
+
+  # Its row in the registry and its subscription live as long as registry and bus do.
+  defp attach(keeper) do
+    %{robot: robot, component: component, condition: condition} = keeper
+    Health.register(robot, component, condition, keeper.server)
+    if component.max_silence_ns, do: subscribe(robot, Component.data_path(component))
+    keeper
+  rescue
+    ArgumentError -> attach_later(keeper)
+  end
+
+  defp subscribe(robot, path) do
+    BB.PubSub.unsubscribe(robot, path)
+    BB.PubSub.subscribe(robot, path)
+  end
+
+  defp attach_later(keeper) do
+    Process.send_after(self(), :attach, @attach_ms)
+    keeper
+  end
+
+  defp now_ns, do: System.monotonic_time(:nanosecond)
+  defp noreply(keeper), do: {:noreply, keeper}
+end

@@ -1,0 +1,46 @@
+defmodule BB.Dsl do
+  @moduledoc """
+  How a robot is declared.
+
+      defmodule MyRobot do
+        use BB
+
+        settings do
+          name :my_robot
+        end
+
+        sensors do
+          sensor :battery, {BB.Sensor.Ina219, bus: "i2c-1", address: 0x40}
+        end
+
+        topology do
+          link :base_link do
+            sensor :imu, {BB.Sensor.Mpu6050, bus: "i2c-1"}, max_silence: ~u(100 millisecond)
+
+            joint :shoulder do
+              type :revolute
+              origin z: ~u(0.1 meter)
+              limit lower: ~u(-90 degree), upper: ~u(90 degree), effort: ~u(10 newton_meter)
+              link :arm
+            end
+          end
+        end
+      end
+
+  Every entity works with and without parentheses, as a block or as keywords. The sections are described in
+  `BB.Dsl.Robot`, what stands in them in `BB.Dsl.Component`, `BB.Dsl.Topology`, `BB.Dsl.Link` and `BB.Dsl.Joint`. A mistake
+  raises `BB.Dsl.Error` while the module compiles.
+
+  For `mix format` to leave the words without parentheses, put `import_deps: [:ganglion]` into `.formatter.exs`.
+  """
+
+  defmacro __before_compile__(env) do
+    robot = BB.Dsl.Compiler.robot(env.module, BB.Dsl.Builder.finish(env.module))
+
+    quote do
+      @doc "The robot as declared: a `BB.Robot`."
+      @spec robot() :: BB.Robot.t()
+      def robot, do: unquote(Macro.escape(robot))
+    end
+  end
+end

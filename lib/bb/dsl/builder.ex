@@ -1,0 +1,136 @@
+defmodule BB.Dsl.Builder do
+  @moduledoc """
+  Builds the tree of `BB.Dsl.Node` while a robot's module compiles. A declaration that breaks one of the `BB.Dsl.Rules`
+  raises `BB.Dsl.Error` at its place.
+
+  The words of the DSL call it from the module's body: `open/5` begins an entity, `set/4` sets a field of the innermost
+  one, `close/1` ends it. What is still open is a stack in a module attribute.
+  """
+
+  alias BB.Dsl.{Error, Grammar, Node, Rules}
+
+  @state :bb_dsl
+
+  defstruct [:module, stack: [], unnamed: %{}, seen: %{}]
+
+  @doc "Begins a robot."
+  @spec start(module(), Node.place()) :: :ok
+  def start(module, place) do
+    root = %Node{kind: :robot, path: [], place: place}
+    save(%__MODULE__{module: module, stack: [root]})
+  end
+
+  @doc "The finished tree."
+  @spec finish(module()) :: Node.t()
+  def finish(module) do
+    %__MODULE__{stack: [root]} = load(module)
+    Module.delete_attribute(module, @state)
+    in_order(root)
+  end
+
+  @doc "Begins an entity with its plain arguments (a name, a child) and the fields that were given as keywords."
+  @spec open(module(), atom(), [term()], keyword(), Node.place()) :: :ok
+  def open(module, kind, arguments, fields, place) do
+    state = load(module)
+    {name, arguments} = name(state, kind, arguments, place)
+    parent = hd(state.stack)
+    check!(state, parent, place, Rules.placed(kind, name, parent))
+
+    node = %Node{
+      kind: kind,
+      name: name,
+      child: List.first(arguments),
+      path: parent.path ++ [name || kind],
+      place: place
+    }
+
+    save(%{remember(state, node) | stack: [node | state.stack]})
+    set_all(module, fields, place)
+  end
+
+  @doc "Sets a field of the innermost entity."
+  @spec set(module(), atom(), term(), Node.place()) :: :ok
+  def set(module, field, value, place) do
+    %{stack: [node | rest]} = state = load(module)
+    value = check!(state, node, place, Rules.field(node, field, value))
+    save(%{state | stack: [%{node | fields: Map.put(node.fields, field, value)} | rest]})
+  end
+
+  @doc "Ends the innermost entity."
+  @spec close(module()) :: :ok
+  def close(module) do
+    %{stack: [node, parent | rest]} = state = load(module)
+    check!(state, node, node.place, Rules.complete(node))
+    save(%{state | stack: [%{parent | nodes: [in_order(node) | parent.nodes]} | rest]})
+  end
+
+  defp set_all(module, fields, place) do
+    unless Keyword.keyword?(fields) do
+      state = load(module)
+      refuse!(state, hd(state.stack), place, "expected keywords, got: #{inspect(fields)}")
+    end
+
+    Enum.each(fields, fn {field, value} -> set_or_open(module, field, value, place) end)
+  end
+
+  # `limit: [lower: …]` among a joint's keywords is the entity `limit lower: …`.
+  defp set_or_open(module, field, value, place) do
+    %{stack: [%{kind: kind} | _]} = load(module)
+
+    if field in Grammar.entities(kind) and not Grammar.named?(field) do
+      open(module, field, [], value, place)
+      close(module)
+    else
+      set(module, field, value, place)
+    end
+  end
+
+  defp name(state, kind, arguments, place) do
+    cond do
+      not Grammar.named?(kind) ->
+        {nil, arguments}
+
+      arguments == [] ->
+        {unnamed(state, kind), []}
+
+      true ->
+        check!(state, hd(state.stack), place, Rules.name(kind, hd(arguments)))
+        {hd(arguments), tl(arguments)}
+    end
+  end
+
+  defp unnamed(state, kind), do: :"#{kind}_#{Map.get(state.unnamed, kind, 0)}"
+
+  defp remember(state, %{name: nil}), do: state
+
+  defp remember(state, %{kind: kind, name: name} = node) do
+    key = {family(kind), name}
+    check!(state, node, node.place, Rules.unique(node, state.seen[key]))
+
+    state = %{state | seen: Map.put(state.seen, key, node)}
+
+    if name == unnamed(state, kind),
+      do: %{state | unnamed: Map.update(state.unnamed, kind, 1, &(&1 + 1))},
+      else: state
+  end
+
+  defp family(kind) when kind in [:link, :joint], do: kind
+  defp family(_kind), do: :component
+
+  defp check!(_state, _node, _place, :ok), do: :ok
+  defp check!(_state, _node, _place, {:ok, value}), do: value
+  defp check!(state, node, place, {:error, reason}), do: refuse!(state, node, place, reason)
+
+  defp refuse!(state, node, place, reason) do
+    raise Error,
+      module: state.module,
+      path: node.path,
+      file: place.file,
+      line: place.line,
+      reason: reason
+  end
+
+  defp load(module), do: Module.get_attribute(module, @state)
+  defp save(state), do: Module.put_attribute(state.module, @state, state)
+  defp in_order(node), do: %{node | nodes: Enum.reverse(node.nodes)}
+end

@@ -1,0 +1,71 @@
+defmodule BB.Dsl.Child do
+  @moduledoc """
+  The callback module of a component and its options, as written in a declaration.
+  """
+
+  @doc "A child as `{:ok, module, options}`, or `{:error, reason}`."
+  @spec parse(term()) :: {:ok, module(), keyword()} | {:error, String.t()}
+  def parse({module, options}) when is_atom(module) and not is_nil(module) do
+    if Keyword.keyword?(options),
+      do: {:ok, module, options},
+      else: {:error, "its options must be keywords, got: #{inspect(options)}"}
+  end
+
+  def parse(module) when is_atom(module) and not is_nil(module), do: {:ok, module, []}
+  def parse(other), do: {:error, "expected a module or {module, options}, got: #{inspect(other)}"}
+
+  @doc "Whether a child can be what a robot is made of: its module has the behaviour, its options can be compiled."
+  @spec check(term(), module()) :: :ok | {:error, String.t()}
+  def check(child, behaviour) do
+    with {:ok, module, options} <- parse(child),
+         :ok <- check_behaviour(module, behaviour),
+         do: check_options(options)
+  end
+
+  defp check_behaviour(module, behaviour) do
+    case Code.ensure_compiled(module) do
+      {:module, _} ->
+        check_declared(module, behaviour)
+
+      # The module waits for this robot to compile, so nothing can be said about it yet.
+      {:error, :unavailable} ->
+        :ok
+
+      {:error, _} ->
+        {:error,
+         "there is no module #{inspect(module)}; correct its name, or define it above the robot or in a file of its own"}
+    end
+  end
+
+  defp check_declared(module, behaviour) do
+    if BB.Component.implements?(module, behaviour) do
+      :ok
+    else
+      {:error,
+       "#{inspect(module)} does not implement #{inspect(behaviour)}; add `use #{inspect(behaviour)}` to it"}
+    end
+  end
+
+  defp check_options(options) do
+    case Enum.find(options, fn {_key, value} -> not constant?(value) end) do
+      nil -> :ok
+      {key, value} -> {:error, not_constant(key, value)}
+    end
+  end
+
+  defp not_constant(key, value) do
+    """
+    option #{inspect(key)} cannot be part of a compiled module, got: #{inspect(value)}; \
+    name a function as &Module.function/1, and a process by its registered name\
+    """
+  end
+
+  defp constant?(value) when is_function(value),
+    do: Function.info(value, :type) == {:type, :external}
+
+  defp constant?(value) when is_pid(value) or is_port(value) or is_reference(value), do: false
+  defp constant?([head | tail]), do: constant?(head) and constant?(tail)
+  defp constant?(value) when is_tuple(value), do: value |> Tuple.to_list() |> constant?()
+  defp constant?(value) when is_map(value), do: value |> :maps.to_list() |> constant?()
+  defp constant?(_value), do: true
+end

@@ -1,0 +1,171 @@
+defmodule BB.Dsl.Rules do
+  @moduledoc """
+  What makes a declaration wrong, in words: each rule returns `:ok` or `{:error, reason}`. Pure.
+  """
+
+  alias BB.Dsl.{Child, Error, Grammar, Node}
+  alias BB.{Options, Unit}
+
+  @type verdict :: :ok | {:error, String.t()}
+
+  @doc "Whether `name` can name an entity of `kind`."
+  @spec name(atom(), term()) :: verdict()
+  def name(_kind, name) when is_atom(name) and name not in [nil, true, false], do: :ok
+
+  def name(kind, name),
+    do:
+      {:error, "the name of a #{kind} must be an atom such as :my_#{kind}, got: #{inspect(name)}"}
+
+  @doc "Whether an entity may begin inside `parent`, which is still open."
+  @spec placed(atom(), atom(), Node.t()) :: verdict()
+  def placed(kind, name, parent) do
+    cond do
+      kind not in Grammar.entities(parent.kind) -> {:error, misplaced(kind, parent.kind)}
+      Grammar.named?(kind) and kind != :link -> :ok
+      true -> single(kind, name, parent, Node.nodes(parent, kind))
+    end
+  end
+
+  defp single(_kind, _name, _parent, []), do: :ok
+  defp single(:link, name, %{kind: :topology}, [first]), do: {:error, two_roots(first, name)}
+  defp single(:link, name, joint, [_first]), do: {:error, two_children(joint, name)}
+
+  defp single(kind, _name, _parent, [first]),
+    do: {:error, "#{kind} is given twice, first at #{Error.place(first.place)}; keep one of them"}
+
+  @doc "Whether the name of `node` is free; `first` is the node that has it already."
+  @spec unique(Node.t(), Node.t() | nil) :: verdict()
+  def unique(_node, nil), do: :ok
+
+  def unique(node, first) do
+    {:error,
+     """
+     #{node.kind} #{inspect(node.name)} has the name of another #{first.kind}, declared at \
+     #{Error.place(first.place)}; give each a name of its own\
+     """}
+  end
+
+  @doc "Checks a field of `node` which is still open: `{:ok, value}` as the schema casts it, or `{:error, reason}`."
+  @spec field(Node.t(), atom(), term()) :: {:ok, term()} | {:error, String.t()}
+  def field(node, field, value) do
+    schema = Grammar.fields(node.kind)
+
+    cond do
+      not Keyword.has_key?(schema, field) -> {:error, unknown(field, node.kind)}
+      Map.has_key?(node.fields, field) -> {:error, "#{field} is given twice; keep one of them"}
+      true -> cast(schema, field, value)
+    end
+  end
+
+  defp cast(schema, field, value) do
+    case Options.validate([{field, value}], Keyword.take(schema, [field])) do
+      {:ok, options} -> {:ok, options[field]}
+      {:error, error} -> {:error, Exception.message(error)}
+    end
+  end
+
+  @doc "Whether `node` has all it needs, now that it ends."
+  @spec complete(Node.t()) :: verdict()
+  def complete(%Node{kind: :joint} = joint) do
+    with :ok <- typed(joint), :ok <- carrying(joint), :ok <- limited(joint), do: in_range(joint)
+  end
+
+  def complete(%Node{kind: :sensor, name: name, child: child}) do
+    with {:error, reason} <- Child.check(child, BB.Sensor),
+         do: {:error, "sensor #{inspect(name)}: #{reason}"}
+  end
+
+  def complete(_node), do: :ok
+
+  defp typed(%{fields: %{type: _}}), do: :ok
+
+  defp typed(joint) do
+    {:error,
+     "joint #{inspect(joint.name)} has no type; add `type` with one of #{listed(Grammar.joint_types())}"}
+  end
+
+  defp carrying(joint) do
+    if Node.nodes(joint, :link) == [],
+      do: {:error, "joint #{inspect(joint.name)} has no child link; add `link :name` inside it"},
+      else: :ok
+  end
+
+  defp limited(%{fields: %{type: type}} = joint) do
+    if type in [:revolute, :prismatic] and Node.nodes(joint, :limit) == [],
+      do: {:error, unlimited(joint, type)},
+      else: :ok
+  end
+
+  defp unlimited(joint, :revolute) do
+    """
+    joint #{inspect(joint.name)} is :revolute and has no limit; add `limit lower: ~u(-90 degree), \
+    upper: ~u(90 degree)` with its own numbers, or make it :continuous\
+    """
+  end
+
+  defp unlimited(joint, :prismatic) do
+    """
+    joint #{inspect(joint.name)} is :prismatic and has no limit; add `limit lower: ~u(0 meter), \
+    upper: ~u(0.5 meter)` with its own numbers\
+    """
+  end
+
+  defp in_range(joint) do
+    limit = Node.fields_of(joint, :limit) || %{}
+
+    with :ok <- of_kinds(Map.to_list(limit), Grammar.limit_fields(joint.fields.type)),
+         do: ordered(limit)
+  end
+
+  defp of_kinds([], _schema), do: :ok
+
+  defp of_kinds([{field, value} | rest], schema) do
+    with {:ok, _value} <- cast(schema, field, value), do: of_kinds(rest, schema)
+  end
+
+  defp ordered(%{lower: lower, upper: upper}) do
+    if Unit.compare(lower, upper) == :gt do
+      {:error,
+       "limit: lower #{Unit.to_string!(lower)} is above upper #{Unit.to_string!(upper)}; swap them"}
+    else
+      :ok
+    end
+  end
+
+  defp ordered(_limit), do: :ok
+
+  # Words
+
+  defp misplaced(word, kind),
+    do: "#{word} cannot stand in #{the(kind)}; it belongs in #{homes(word)}"
+
+  defp unknown(field, kind) do
+    case Grammar.homes(field) do
+      [] -> "#{the(kind)} has no #{inspect(field)}; it takes #{listed(Grammar.words(kind))}"
+      _homes -> misplaced(field, kind)
+    end
+  end
+
+  defp two_roots(first, name) do
+    """
+    #{inspect(name)} is a second root link beside #{inspect(first.name)}, declared at \
+    #{Error.place(first.place)}; a robot has one: connect #{inspect(name)} by a joint\
+    """
+  end
+
+  defp two_children(joint, name) do
+    """
+    #{inspect(name)} is a second child link of joint #{inspect(joint.name)}, which has one: \
+    give #{inspect(name)} a joint of its own\
+    """
+  end
+
+  defp the(:robot), do: "the robot itself"
+  defp the(kind) when kind in [:settings, :sensors, :topology, :dynamics], do: "#{kind}"
+  defp the(kind) when kind in [:origin, :axis], do: "an #{kind}"
+  defp the(kind), do: "a #{kind}"
+
+  defp homes(word), do: Enum.map_join(Grammar.homes(word), " or ", &the/1)
+  defp listed([]), do: "nothing"
+  defp listed(words), do: Enum.map_join(words, ", ", &inspect/1)
+end

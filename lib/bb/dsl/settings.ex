@@ -1,0 +1,4 @@
+defmodule BB.Dsl.Settings do
+  @moduledoc "The words inside `settings`."
+  use BB.Dsl.Vocabulary, fields: [:name]
+end

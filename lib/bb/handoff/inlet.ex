@@ -1,0 +1,123 @@
+defmodule BB.Handoff.Inlet do
+  @schema BB.Options.new!(
+            topic: [
+              type: {:custom, BB.Ring, :check_topic, []},
+              required: true,
+              doc: "The ring topic."
+            ],
+            encoding: [
+              type: {:behaviour, BB.Handoff.Encoding},
+              required: true,
+              doc: "How messages are encoded."
+            ],
+            to: [
+              type: {:list, :atom},
+              doc: "The pubsub path; without it the sensor's own, `[:sensor | path]`."
+            ],
+            credits: [
+              type: {:in, 1..1024},
+              default: 64,
+              doc:
+                "Messages that may wait in the inlet's mailbox; what comes faster stays in the ring and may be lost there."
+            ]
+          )
+
+  @moduledoc """
+  Carries a ring topic onto a pubsub path.
+
+      sensor :tags_inlet, {BB.Handoff.Inlet, topic: "tags", encoding: BB.Handoff.Encoding.TagDetections, to: [:sensor, :base_link, :tags]}
+
+  The topic need not exist yet; it may come, go and come back.
+
+  `BB.Handoff.stats/2` gives `%{published: n, lost: n, malformed: n}`: `lost` counts what the ring overwrote before it was read; a message
+  that does not decode is counted as malformed, and the first of a row is logged.
+
+  ## Options
+
+  #{BB.Options.docs(@schema)}
+  """
+
+  use BB.Sensor, options_schema: @schema
+
+  alias BB.Ring.{Message, Subscriber}
+
+  require Logger
+
+  @counters [:published, :lost, :malformed]
+
+  @impl BB.Sensor
+  def init(opts) do
+    %{robot: robot, path: path} = opts[:bb]
+
+    case Subscriber.open(opts[:topic], active: opts[:credits]) do
+      {:ok, ring} ->
+        {:ok,
+         %{
+           robot: robot,
+           name: List.last(path),
+           ring: ring,
+           ref: ring.ref,
+           encoding: opts[:encoding],
+           to: opts[:to] || [:sensor | path],
+           credits: opts[:credits],
+           used: 0,
+           decodes?: true,
+           published: 0,
+           lost: 0,
+           malformed: 0
+         }}
+
+      {:error, reason} ->
+        {:stop, {:ring, reason}}
+    end
+  end
+
+  @impl BB.Sensor
+  def handle_info({:bb_ring, ref, %Message{} = message}, %{ref: ref} = state) do
+    {:noreply,
+     %{state | lost: state.lost + message.lost} |> publish(message.data) |> use_credit()}
+  end
+
+  def handle_info({:bb_ring, ref, {:error, reason}}, %{ref: ref} = state) do
+    Logger.warning("#{state.name}: #{BB.Ring.format_error(reason)}")
+    {:noreply, state}
+  end
+
+  def handle_info({:bb_ring_passive, ref}, %{ref: ref} = state), do: {:noreply, give_back(state)}
+  def handle_info(_other, state), do: {:noreply, state}
+
+  @impl BB.Sensor
+  def handle_call(:stats, _from, state), do: {:reply, Map.take(state, @counters), state}
+  def handle_call(_request, _from, state), do: {:reply, {:error, :not_implemented}, state}
+
+  @impl BB.Sensor
+  def terminate(_reason, state), do: Subscriber.close(state.ring)
+
+  defp publish(state, data) do
+    case state.encoding.decode(data) do
+      {:ok, message} ->
+        :ok = BB.publish(state.robot, state.to, message)
+        %{state | published: state.published + 1, decodes?: true}
+
+      {:error, reason} ->
+        if state.decodes?,
+          do:
+            Logger.warning(
+              "#{state.name}: a message on the ring does not decode: #{inspect(reason)}"
+            )
+
+        %{state | malformed: state.malformed + 1, decodes?: false}
+    end
+  end
+
+  # Credits are given back by halves, so that the ring's thread is seldom disturbed and never left without.
+  defp use_credit(state) do
+    state = %{state | used: state.used + 1}
+    if 2 * state.used >= state.credits, do: give_back(state), else: state
+  end
+
+  defp give_back(state) do
+    _ = Subscriber.active(state.ring, state.used)
+    %{state | used: 0}
+  end
+end

@@ -1,0 +1,104 @@
+defmodule BB.Handoff.Outlet do
+  @schema BB.Options.new!(
+            from: [
+              type: {:list, :atom},
+              required: true,
+              doc: "The pubsub path, with everything below it."
+            ],
+            topic: [
+              type: {:custom, BB.Ring, :check_topic, []},
+              required: true,
+              doc: "The ring topic."
+            ],
+            encoding: [
+              type: {:behaviour, BB.Handoff.Encoding},
+              required: true,
+              doc: "How messages are encoded."
+            ],
+            slot_count: [
+              type: {:custom, BB.Ring.Publisher, :check_slot_count, []},
+              default: 16,
+              doc: "As in `BB.Ring.Publisher`."
+            ],
+            slot_size: [
+              type: {:in, 21..0x4000_0000},
+              default: 4096,
+              doc: "As in `BB.Ring.Publisher`."
+            ]
+          )
+
+  @moduledoc """
+  Carries a pubsub path into a ring topic.
+
+      sensor :imu_outlet, {BB.Handoff.Outlet, from: [:sensor, :base_link, :imu], topic: "imu", encoding: BB.Handoff.Encoding.Imu}
+
+  It subscribes to messages of the encoding's payload and publishes each on the topic, in the order in which they come. Native processes read the
+  topic without knowing the robot.
+
+  `BB.Handoff.stats/2` gives `%{published: n, too_large: n}`. A message longer than a slot is counted, and the first one is logged.
+
+  When the ring refuses (`{:ring, reason}`, see `BB.Ring`), for example since another publisher lives, the outlet goes down and comes back by
+  backoff as any sensor does.
+
+  ## Options
+
+  #{BB.Options.docs(@schema)}
+  """
+
+  use BB.Sensor, options_schema: @schema
+
+  alias BB.Ring.Publisher
+
+  require Logger
+
+  @impl BB.Sensor
+  def init(opts) do
+    %{robot: robot, path: path} = opts[:bb]
+    encoding = opts[:encoding]
+
+    with {:ok, _} <- BB.subscribe(robot, opts[:from], message_types: [encoding.payload()]),
+         {:ok, publisher} <- open(opts) do
+      {:ok, %{publisher: publisher, encoding: encoding, path: path, published: 0, too_large: 0}}
+    else
+      {:error, reason} -> {:stop, {:ring, reason}}
+    end
+  end
+
+  @impl BB.Sensor
+  def handle_info({:bb, _path, message}, state) do
+    case Publisher.publish(state.publisher, state.encoding.encode(message)) do
+      :ok -> {:noreply, %{state | published: state.published + 1}}
+      {:error, :message_too_large} -> {:noreply, count_too_large(state)}
+      {:error, reason} -> {:stop, {:shutdown, {:ring, reason}}, state}
+    end
+  end
+
+  def handle_info(_other, state), do: {:noreply, state}
+
+  @impl BB.Sensor
+  def handle_call(:stats, _from, state),
+    do: {:reply, Map.take(state, [:published, :too_large]), state}
+
+  def handle_call(_request, _from, state), do: {:reply, {:error, :not_implemented}, state}
+
+  @impl BB.Sensor
+  def terminate(_reason, state), do: Publisher.close(state.publisher)
+
+  defp open(opts) do
+    Publisher.open(opts[:topic],
+      slot_count: opts[:slot_count],
+      slot_size: opts[:slot_size],
+      content: opts[:encoding].content()
+    )
+  end
+
+  defp count_too_large(%{too_large: count} = state) do
+    if count == 0 do
+      Logger.warning(
+        "#{List.last(state.path)}: a message is longer than the topic's slots and was dropped; raise slot_size"
+      )
+    end
+
+    %{state | too_large: count + 1}
+  end
+end

@@ -1,0 +1,91 @@
+defmodule BB.Math.Covariance3 do
+  @moduledoc """
+  The covariance of three quantities: a symmetric 3 × 3 matrix, `m` its nine floats row by row.
+
+      iex> BB.Math.Covariance3.diagonal(0.1, 0.2, 0.3)
+      %BB.Math.Covariance3{m: {0.1, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.3}}
+
+  As in ROS, a covariance of zeros is one that nobody knows, and a first element of -1 says that the quantity itself is
+  not known: see `unavailable/0`.
+  """
+
+  alias BB.Math.{Quaternion, Vec3}
+
+  @enforce_keys [:m]
+  defstruct [:m]
+
+  @type t :: %__MODULE__{
+          m: {float(), float(), float(), float(), float(), float(), float(), float(), float()}
+        }
+
+  @doc """
+  The covariance of a list of nine numbers, row by row. Raises `ArgumentError` for another length.
+  """
+  @spec new([number()]) :: t()
+  def new(elements) when is_list(elements) do
+    case Enum.map(elements, &:erlang.float/1) do
+      floats when length(floats) == 9 -> %__MODULE__{m: List.to_tuple(floats)}
+      _ -> raise ArgumentError, "a Covariance3 has 9 elements, got: #{inspect(elements)}"
+    end
+  end
+
+  @doc "All zeros."
+  @spec zero() :: t()
+  def zero, do: diagonal(0.0, 0.0, 0.0)
+
+  @doc "Variances of one, and no correlation."
+  @spec identity() :: t()
+  def identity, do: diagonal(1.0, 1.0, 1.0)
+
+  @doc "Three variances, and no correlation."
+  @spec diagonal(number(), number(), number()) :: t()
+  def diagonal(xx, yy, zz), do: new([xx, 0, 0, 0, yy, 0, 0, 0, zz])
+
+  @doc "The covariance that marks its quantity as not known: -1, then zeros."
+  @spec unavailable() :: t()
+  def unavailable, do: diagonal(-1, 0, 0)
+
+  @doc """
+  Whether the quantity is marked as not known.
+
+      iex> alias BB.Math.Covariance3
+      iex> {Covariance3.unavailable?(Covariance3.unavailable()), Covariance3.unavailable?(Covariance3.identity())}
+      {true, false}
+  """
+  @spec unavailable?(t()) :: boolean()
+  def unavailable?(%__MODULE__{m: m}), do: elem(m, 0) == -1.0
+
+  @doc "The element in `row` and `column`, both 0..2."
+  @spec at(t(), 0..2, 0..2) :: float()
+  def at(%__MODULE__{m: m}, row, column) when row in 0..2 and column in 0..2,
+    do: elem(m, 3 * row + column)
+
+  @doc "The nine elements, row by row."
+  @spec to_list(t()) :: [float()]
+  def to_list(%__MODULE__{m: m}), do: Tuple.to_list(m)
+
+  @doc """
+  The covariance of the quantities seen from axes that are turned: `rotation` takes the old axes' vectors to the new ones'.
+
+      iex> alias BB.Math.{Covariance3, Quaternion, Vec3}
+      iex> quarter = Quaternion.from_axis_angle(Vec3.unit_z(), :math.pi() / 2)
+      iex> turned = Covariance3.rotate(Covariance3.diagonal(1, 2, 3), quarter)
+      iex> for i <- 0..2, do: Float.round(Covariance3.at(turned, i, i), 12)
+      [2.0, 1.0, 3.0]
+  """
+  @spec rotate(t(), Quaternion.t()) :: t()
+  def rotate(%__MODULE__{} = covariance, %Quaternion{} = rotation),
+    do: covariance |> rotate_rows(rotation) |> transpose() |> rotate_rows(rotation)
+
+  # M · Rᵀ: each row is turned as a vector is.
+  defp rotate_rows(%__MODULE__{m: m}, rotation) do
+    m
+    |> Tuple.to_list()
+    |> Enum.chunk_every(3)
+    |> Enum.flat_map(&Vec3.to_list(Quaternion.rotate(rotation, Vec3.from_list(&1))))
+    |> new()
+  end
+
+  defp transpose(%__MODULE__{m: {a, b, c, d, e, f, g, h, i}}),
+    do: %__MODULE__{m: {a, d, g, b, e, h, c, f, i}}
+end

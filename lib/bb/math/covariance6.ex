@@ -1,0 +1,79 @@
+defmodule BB.Math.Covariance6 do
+  @moduledoc """
+  The covariance of a pose or a twist: a symmetric 6 × 6 matrix, `m` its 36 floats row by row. The order is that of ROS: x, y,
+  z, then the rotations about x, y and z.
+
+      iex> alias BB.Math.{Covariance3, Covariance6}
+      iex> covariance = Covariance6.diagonal([1, 2, 3, 4, 5, 6])
+      iex> Covariance6.angular(covariance)
+      Covariance3.diagonal(4, 5, 6)
+  """
+
+  alias BB.Math.Covariance3
+
+  @enforce_keys [:m]
+  defstruct [:m]
+
+  @type t :: %__MODULE__{m: tuple()}
+
+  @doc "The covariance of a list of 36 numbers, row by row. Raises `ArgumentError` for another length."
+  @spec new([number()]) :: t()
+  def new(elements) when is_list(elements) do
+    case Enum.map(elements, &:erlang.float/1) do
+      floats when length(floats) == 36 -> %__MODULE__{m: List.to_tuple(floats)}
+      _ -> raise ArgumentError, "a Covariance6 has 36 elements, got: #{inspect(elements)}"
+    end
+  end
+
+  @doc "All zeros: a covariance that nobody knows."
+  @spec zero() :: t()
+  def zero, do: diagonal([0, 0, 0, 0, 0, 0])
+
+  @doc "Variances of one, and no correlation."
+  @spec identity() :: t()
+  def identity, do: diagonal([1, 1, 1, 1, 1, 1])
+
+  @doc "Six variances, and no correlation."
+  @spec diagonal([number()]) :: t()
+  def diagonal([_, _, _, _, _, _] = variances) do
+    rows = Enum.with_index(variances)
+    new(for {v, row} <- rows, column <- 0..5, do: if(row == column, do: v, else: 0))
+  end
+
+  @doc "Two parts that have nothing to do with each other."
+  @spec from_parts(Covariance3.t(), Covariance3.t()) :: t()
+  def from_parts(%Covariance3{} = linear, %Covariance3{} = angular) do
+    new(
+      for row <- 0..5, column <- 0..5 do
+        cond do
+          row < 3 and column < 3 -> Covariance3.at(linear, row, column)
+          row > 2 and column > 2 -> Covariance3.at(angular, row - 3, column - 3)
+          true -> 0.0
+        end
+      end
+    )
+  end
+
+  @doc "The part of x, y and z."
+  @spec linear(t()) :: Covariance3.t()
+  def linear(%__MODULE__{} = covariance), do: block(covariance, 0)
+
+  @doc "The part of the rotations."
+  @spec angular(t()) :: Covariance3.t()
+  def angular(%__MODULE__{} = covariance), do: block(covariance, 3)
+
+  @doc "The element in `row` and `column`, both 0..5."
+  @spec at(t(), 0..5, 0..5) :: float()
+  def at(%__MODULE__{m: m}, row, column) when row in 0..5 and column in 0..5,
+    do: elem(m, 6 * row + column)
+
+  @doc "The 36 elements, row by row."
+  @spec to_list(t()) :: [float()]
+  def to_list(%__MODULE__{m: m}), do: Tuple.to_list(m)
+
+  defp block(covariance, from) do
+    Covariance3.new(
+      for row <- 0..2, column <- 0..2, do: at(covariance, from + row, from + column)
+    )
+  end
+end

@@ -1,0 +1,181 @@
+defmodule BB.Options.Schema do
+  @moduledoc false
+  # A keyword list against a schema, level by level, and a schema against the schema of schemas.
+
+  alias BB.Options.{Type, ValidationError}
+
+  @doc "The schema that each schema must fit."
+  def of_schemas do
+    [
+      *: [
+        type: :keyword_list,
+        keys: [
+          type: [
+            type: {:custom, Type, :check, []},
+            default: :any,
+            required: false,
+            doc: "What the value must be, one of the types."
+          ],
+          required: [
+            type: :boolean,
+            default: false,
+            doc: "Whether the option must be given."
+          ],
+          default: [
+            type: :any,
+            doc: "The value of an option that is not given. It must fit the type as well."
+          ],
+          doc: [
+            type: {:or, [:string, {:literal, false}]},
+            doc: "What `docs/1` says of it; `false` hides the option there."
+          ],
+          type_doc: [
+            type: {:or, [:string, {:literal, false}]},
+            doc: "Words for the type in `docs/1`, instead of its own."
+          ],
+          keys: [
+            type: {:custom, __MODULE__, :check_nested, []},
+            doc:
+              "For `:keyword_list`, `:non_empty_keyword_list` and `:map`: the schema of what is in it."
+          ]
+        ]
+      ]
+    ]
+  end
+
+  @doc "A schema with the defaults of its own keys filled in, or the error that tells what is wrong with it."
+  def check(schema) do
+    with {:ok, schema} <- validate(schema, of_schemas()) do
+      conflict = Enum.find(schema, fn {_, spec} -> spec[:keys] && not nests?(spec[:type]) end)
+      if conflict, do: {:error, keys_without_nest(conflict)}, else: {:ok, schema}
+    end
+  end
+
+  @doc "The type of `keys:`, which is a schema again."
+  def check_nested(keys) do
+    case check(keys) do
+      {:ok, keys} -> {:ok, keys}
+      {:error, error} -> {:error, Exception.message(error)}
+    end
+  end
+
+  @doc "Options against a checked schema."
+  def validate(options, schema) when is_map(options) and not is_struct(options) do
+    with {:ok, list} <- validate(Map.to_list(options), schema), do: {:ok, Map.new(list)}
+  end
+
+  def validate(options, schema) do
+    if Keyword.keyword?(options) do
+      schema = expand_star(schema, options)
+
+      with :ok <- refuse_unknown(options, schema) do
+        validate_each(schema, options, Keyword.keys(options))
+      end
+    else
+      {:error, not_options(options)}
+    end
+  end
+
+  @doc "The same, for what stands inside the option `key`: its errors name the way there."
+  def validate_nested(options, schema, key) do
+    with {:error, error} <- validate(options, schema) do
+      {:error, %{error | keys_path: [key | error.keys_path]}}
+    end
+  end
+
+  defp expand_star(schema, options) do
+    case schema[:*] do
+      nil -> schema
+      spec -> schema ++ for {key, _} <- options, do: {key, spec}
+    end
+  end
+
+  defp refuse_unknown(options, schema) do
+    valid = Keyword.keys(schema)
+
+    case Enum.uniq(Keyword.keys(options)) -- valid do
+      [] ->
+        :ok
+
+      unknown ->
+        {:error,
+         %ValidationError{
+           key: unknown,
+           message: "unknown options #{inspect(unknown)}, valid options are: #{inspect(valid)}"
+         }}
+    end
+  end
+
+  defp validate_each([], options, _given), do: {:ok, options}
+
+  defp validate_each([{key, spec} | rest], options, given) do
+    case validate_one(key, spec, options, given) do
+      {:ok, options} -> validate_each(rest, options, given)
+      error -> error
+    end
+  end
+
+  defp validate_one(key, spec, options, given) do
+    with {:ok, value} <- fetch(options, key, spec, given),
+         {:ok, value} <- cast(key, spec, value) do
+      {:ok, put(options, key, value)}
+    else
+      :absent -> {:ok, options}
+      error -> error
+    end
+  end
+
+  defp fetch(options, key, spec, given) do
+    cond do
+      Keyword.has_key?(options, key) -> Keyword.fetch(options, key)
+      spec[:required] -> {:error, missing(key, given)}
+      true -> with :error <- Keyword.fetch(spec, :default), do: :absent
+    end
+  end
+
+  defp cast(key, spec, value) do
+    case {Type.cast(spec[:type], value, key), spec[:keys]} do
+      {{:ok, value}, nil} ->
+        {:ok, value}
+
+      {{:ok, value}, keys} ->
+        validate_nested(value, keys, key)
+
+      {{:error, message}, _} ->
+        {:error, %ValidationError{key: key, value: value, message: message}}
+    end
+  end
+
+  # Of several values of a key the first counts.
+  defp put(options, key, value) do
+    if Keyword.has_key?(options, key),
+      do: Keyword.replace(options, key, value),
+      else: [{key, value} | options]
+  end
+
+  defp nests?(type), do: type in [:keyword_list, :non_empty_keyword_list, :map]
+
+  defp missing(key, given) do
+    %ValidationError{
+      key: key,
+      message: "required #{inspect(key)} option not found, received options: #{inspect(given)}"
+    }
+  end
+
+  defp not_options(value) do
+    %ValidationError{
+      value: value,
+      message: "invalid options: expected keyword list, got: #{inspect(value)}"
+    }
+  end
+
+  defp keys_without_nest({key, spec}) do
+    %ValidationError{
+      key: key,
+      value: spec,
+      message:
+        "invalid value for :keys option: only a :keyword_list, :non_empty_keyword_list or :map has keys, " <>
+          "and the type of #{inspect(key)} is #{inspect(spec[:type])}"
+    }
+  end
+end

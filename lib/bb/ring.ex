@@ -1,0 +1,145 @@
+defmodule BB.Ring do
+  @moduledoc """
+  Shared-memory topics between the BEAM and native processes.
+
+  A topic is a ring of slots in `/dev/shm/conduit_<topic>` with one publisher and up to sixteen subscribers, in any process and
+  language. `BB.Ring.Publisher` writes one, `BB.Ring.Subscriber` reads one.
+
+      {:ok, publisher} = BB.Ring.Publisher.open("scan", slot_count: 16, slot_size: 4096)
+      {:ok, subscriber} = BB.Ring.Subscriber.open("scan", active: true)
+      :ok = BB.Ring.Publisher.publish(publisher, "hello")
+
+      receive do
+        {:bb_ring, ref, %BB.Ring.Message{data: "hello"}} when ref == subscriber.ref -> :ok
+      end
+
+  What to rely on:
+
+    * **A publisher never waits for a reader.** A reader that falls behind by more than the ring holds loses the oldest messages,
+      and each message that it gets says how many were lost before it (`lost`).
+    * **No message is ever torn**, and none that was half-written when its publisher was killed is ever seen.
+    * **A publisher that dies** leaves its topic behind. The next one goes on in place, with the next sequence number; subscribers
+      of any language stay attached.
+    * **Nothing here blocks a scheduler**, and nothing that another process writes into the ring can crash the VM.
+
+  Not for many small topics that only BEAM processes use: `BB.PubSub` does that without a copy into shared memory. Not for
+  messages that must not be lost: a ring keeps the newest, not all.
+
+  ## Errors
+
+  A wrong topic name or option raises `ArgumentError` or `BB.Options.ValidationError`. The system's trouble is
+  `{:error, reason}`; `format_error/1` puts it into words:
+
+  | reason | meaning |
+  |---|---|
+  | `{:publisher_alive, os_pid}` | the topic has a live publisher; `os_pid` is 0 when it did not leave its number |
+  | `{:legacy_topic, path}` | the file was made by a publisher without our extension, and may be in use |
+  | `{:not_a_ring, path, text}` | the file is no ring, or a broken one |
+  | `{:no_topic, path}` | there is no such topic (only `info/1` says so: a subscriber waits for it) |
+  | `{:no_reader_slot, path}` | sixteen subscribers are attached already |
+  | `{:system, path, operation, errno}` | the operating system refused `operation`; `errno` as a number |
+  | `:closed` | the publisher or subscriber was closed, or its owner has died |
+  | `:message_too_large` | the message is longer than the topic's slots |
+  """
+
+  alias BB.Ring.Native
+
+  @typedoc "Why the system refused."
+  @type reason ::
+          {:publisher_alive, os_pid :: non_neg_integer()}
+          | {:legacy_topic, Path.t()}
+          | {:not_a_ring, Path.t(), String.t()}
+          | {:no_topic, Path.t()}
+          | {:no_reader_slot, Path.t()}
+          | {:system, Path.t(), operation :: String.t(), errno :: integer()}
+          | {:thread, String.t()}
+          | :closed
+          | :message_too_large
+
+  @typedoc """
+  A topic as it stands. `published` is the number of messages so far, and so the next sequence number; `readers` are the subscribers
+  attached now, with what each has lost.
+  """
+  @type info :: %{
+          topic: String.t(),
+          slot_count: pos_integer(),
+          slot_size: pos_integer(),
+          max_message_size: pos_integer(),
+          published: non_neg_integer(),
+          state: :live | :dead | :closed | :retired | :legacy | :unknown,
+          epoch: non_neg_integer(),
+          writer_pid: non_neg_integer(),
+          last_publish_ns: non_neg_integer(),
+          readers: [reader()],
+          rejected_oversize: non_neg_integer(),
+          dropped_pinned: non_neg_integer(),
+          wake_count: non_neg_integer()
+        }
+
+  @typedoc """
+  A subscriber that is attached now. One that is not `native` is a legacy peer, of which only `index` and `next_sequence` are known; one that
+  is not `alive` was killed, and its place goes to the next that needs it.
+  """
+  @type reader :: %{
+          index: 0..15,
+          os_pid: non_neg_integer(),
+          native: boolean(),
+          alive: boolean(),
+          next_sequence: non_neg_integer(),
+          lost: non_neg_integer()
+        }
+
+  @doc "Looks at a topic without attaching to it."
+  @spec info(String.t()) :: {:ok, info()} | {:error, reason()}
+  def info(topic), do: topic |> check_topic!() |> Native.topic_info()
+
+  @doc "Now on the ring's clock (CLOCK_MONOTONIC_RAW), in nanoseconds: comparable with any message's `timestamp_ns`."
+  @spec now_ns() :: non_neg_integer()
+  def now_ns, do: Native.now_ns()
+
+  @doc "The Erlang monotonic time, in nanoseconds, at which the ring's clock showed `timestamp_ns`."
+  @spec to_monotonic_time(non_neg_integer()) :: integer()
+  def to_monotonic_time(timestamp_ns) do
+    System.monotonic_time(:nanosecond) - (Native.now_ns() - timestamp_ns)
+  end
+
+  @doc "A reason in words."
+  @spec format_error(term()) :: String.t()
+  def format_error({:publisher_alive, 0}), do: "the topic has a live publisher"
+  def format_error({:publisher_alive, pid}), do: "the topic has a live publisher (process #{pid})"
+
+  def format_error({:legacy_topic, path}),
+    do: "#{path} belongs to a publisher without the extension and may be in use"
+
+  def format_error({:not_a_ring, path, text}), do: "#{path} is not a usable ring: #{text}"
+  def format_error({:no_topic, path}), do: "#{path}: there is no such topic"
+
+  def format_error({:no_reader_slot, path}),
+    do: "#{path} has 16 subscribers already, which is all it can have"
+
+  def format_error({:system, path, operation, errno}),
+    do: "#{path}: #{operation} failed with errno #{errno}"
+
+  def format_error({:thread, text}), do: "no thread could be started: #{text}"
+  def format_error(:closed), do: "it is closed"
+  def format_error(:message_too_large), do: "the message is longer than a slot of the topic"
+  def format_error(reason), do: inspect(reason)
+
+  @doc false
+  def check_topic(topic) do
+    if is_binary(topic) and topic =~ ~r/\A[A-Za-z0-9_.-]{1,200}\z/ do
+      {:ok, topic}
+    else
+      {:error,
+       "a topic's name is 1 to 200 characters out of A-Z a-z 0-9 _ . -, got: #{inspect(topic)}"}
+    end
+  end
+
+  @doc false
+  def check_topic!(topic) do
+    case check_topic(topic) do
+      {:ok, topic} -> topic
+      {:error, message} -> raise ArgumentError, message
+    end
+  end
+end

@@ -1,0 +1,27 @@
+defmodule BB.Ring.Native do
+  @moduledoc false
+
+  # Elixir loads what it has just compiled. A NIF that was built for a board must not be loaded where it is built.
+  @compile {:autoload, false}
+
+  use BB.Ring.Loader
+
+  def now_ns, do: not_loaded()
+  def nothing, do: not_loaded()
+  def topic_info(_topic), do: not_loaded()
+
+  def publisher_open(_topic, _options), do: not_loaded()
+  def publish_binary(_publisher, _data), do: not_loaded()
+  def publish_iovec(_publisher, _data), do: not_loaded()
+  def publish_large(_publisher, _data), do: not_loaded()
+  def publisher_info(_publisher), do: not_loaded()
+  def publisher_close(_publisher), do: not_loaded()
+
+  def subscriber_open(_topic, _ref, _options), do: not_loaded()
+  def subscriber_active(_subscriber, _active), do: not_loaded()
+  def subscriber_request(_subscriber, _kind), do: not_loaded()
+  def subscriber_cancel(_subscriber, _id), do: not_loaded()
+  def subscriber_close(_subscriber), do: not_loaded()
+
+  defp not_loaded, do: :erlang.nif_error(:not_loaded)
+end

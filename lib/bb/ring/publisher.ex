@@ -1,0 +1,166 @@
+defmodule BB.Ring.Publisher do
+  @schema BB.Options.new!(
+            slot_count: [
+              type: {:custom, BB.Ring.Publisher, :check_slot_count, []},
+              default: 16,
+              doc:
+                "Number of slots: a power of two up to 65536. Set either this and `slot_size`, or `depth` and `max_message_size`."
+            ],
+            slot_size: [
+              type: {:in, 21..0x4000_0000},
+              default: 4096,
+              doc:
+                "Bytes of a slot, including its header of 20 bytes; rounded up to a multiple of 64."
+            ],
+            depth: [
+              type: {:in, 1..65_536},
+              doc: "Number of messages kept; rounded up to a power of two."
+            ],
+            max_message_size: [
+              type: {:in, 1..0x3FFF_FF00},
+              doc: "Bytes of the longest message, without the slot's header."
+            ],
+            content: [
+              type: :string,
+              doc:
+                "Name of the encoding, such as `\"sensor_msgs/msg/Imu\"`, so that tools can decode. None: raw bytes."
+            ],
+            mode: [type: {:in, 0..0o777}, default: 0o660, doc: "Permissions of the file."],
+            force: [
+              type: :boolean,
+              default: false,
+              doc:
+                "Replace a file of a publisher without the extension, although it may be in use."
+            ]
+          )
+
+  @moduledoc """
+  The writing end of a topic.
+
+  A topic has one publisher at a time, in any process of the machine. As a port, it belongs to the process that opened it: when that process
+  dies, the topic is left to a successor, which goes on in place; `close/1` ends the topic. Any process may publish through it.
+
+  ## Options
+
+  #{BB.Options.docs(@schema)}
+  """
+
+  alias BB.Ring.Native
+
+  # Up to here a message is copied faster than a move to a dirty scheduler takes.
+  @normal_limit 65_536
+
+  @enforce_keys [:handle, :topic]
+  defstruct [:handle, :topic]
+
+  @opaque t :: %__MODULE__{handle: reference(), topic: String.t()}
+
+  @doc """
+  Opens `topic` for writing.
+
+  Where a publisher has died on it, and the slots are the same, it goes on in place. Where the slots differ, the old file is retired
+  and subscribers follow to the new one. A live publisher is `{:error, {:publisher_alive, os_pid}}`; for all reasons see `BB.Ring`.
+  """
+  @spec open(String.t(), keyword()) :: {:ok, t()} | {:error, BB.Ring.reason()}
+  def open(topic, opts \\ []) do
+    topic = BB.Ring.check_topic!(topic)
+
+    with {:ok, handle} <- Native.publisher_open(topic, native_options(opts)) do
+      {:ok, %__MODULE__{handle: handle, topic: topic}}
+    end
+  end
+
+  @doc """
+  Publishes one message: `:ok`, `{:error, :message_too_large}` (nothing was written) or `{:error, :closed}`.
+
+  The bytes of `iodata` are gathered straight into the slot. A message of more than 64 KiB is copied on a dirty scheduler.
+  """
+  @spec publish(t(), iodata()) :: :ok | {:error, :message_too_large | :closed}
+  def publish(%__MODULE__{handle: handle}, data)
+      when is_binary(data) and byte_size(data) <= @normal_limit do
+    publish(&Native.publish_binary/2, handle, data)
+  end
+
+  def publish(%__MODULE__{handle: handle}, data) do
+    iovec = :erlang.iolist_to_iovec(data)
+
+    if :erlang.iolist_size(iovec) <= @normal_limit do
+      publish(&Native.publish_iovec/2, handle, iovec)
+    else
+      publish(&Native.publish_large/2, handle, iovec)
+    end
+  end
+
+  @doc "Ends the topic: subscribers are told, and its file is removed."
+  @spec close(t()) :: :ok
+  def close(%__MODULE__{handle: handle} = publisher) do
+    case Native.publisher_close(handle) do
+      :busy -> yield_and(fn -> close(publisher) end)
+      _closed -> :ok
+    end
+  end
+
+  @doc "The topic as it stands."
+  @spec info(t()) :: {:ok, BB.Ring.info()} | {:error, :closed}
+  def info(%__MODULE__{handle: handle} = publisher) do
+    case Native.publisher_info(handle) do
+      {:error, :busy} -> yield_and(fn -> info(publisher) end)
+      result -> result
+    end
+  end
+
+  @doc false
+  def check_slot_count(value) when is_integer(value) and value in 1..65_536 do
+    if Bitwise.band(value, value - 1) == 0, do: {:ok, value}, else: slot_count_error(value)
+  end
+
+  def check_slot_count(value), do: slot_count_error(value)
+
+  defp slot_count_error(value),
+    do: {:error, "expected a power of two from 1 to 65536, got: #{inspect(value)}"}
+
+  # Another process is in the middle of a publish on this ring: let it run.
+  defp publish(native, handle, data) do
+    case native.(handle, data) do
+      :ok -> :ok
+      :busy -> yield_and(fn -> publish(native, handle, data) end)
+      reason -> {:error, reason}
+    end
+  end
+
+  defp yield_and(again) do
+    :erlang.yield()
+    again.()
+  end
+
+  defp native_options(opts) do
+    checked = BB.Options.validate!(opts, @schema)
+    {count, size} = slots!(opts, checked)
+
+    %{
+      slot_count: count,
+      slot_size: size,
+      content: checked[:content],
+      mode: checked[:mode],
+      force: checked[:force]
+    }
+  end
+
+  defp slots!(given, checked) do
+    case {checked[:depth], checked[:max_message_size], given[:slot_count] || given[:slot_size]} do
+      {nil, nil, _} ->
+        {checked[:slot_count], checked[:slot_size]}
+
+      {depth, size, nil} when depth != nil and size != nil ->
+        {power_of_two(depth), size + 20}
+
+      _ ->
+        raise ArgumentError,
+              "set slot_count and slot_size, or depth and max_message_size, got: #{inspect(given)}"
+    end
+  end
+
+  defp power_of_two(n, power \\ 1)
+  defp power_of_two(n, power) when power >= n, do: power
+  defp power_of_two(n, power), do: power_of_two(n, power * 2)
+end

@@ -1,0 +1,35 @@
+defmodule BB.Robot.Joint do
+  @moduledoc """
+  A joint, which connects a parent link with a child link.
+
+  `:origin`, `:axis`, `:limit` and `:dynamics` are maps of the fields as declared (quantities are `BB.Unit`), `nil` where
+  the declaration has none.
+  """
+
+  @enforce_keys [:name, :type, :parent_link, :child_link]
+  defstruct [
+    :name,
+    :type,
+    :parent_link,
+    :child_link,
+    :origin,
+    :axis,
+    :limit,
+    :dynamics,
+    sensors: [],
+    actuators: []
+  ]
+
+  @type t :: %__MODULE__{
+          name: atom(),
+          type: :revolute | :continuous | :prismatic | :fixed,
+          parent_link: atom(),
+          child_link: atom(),
+          origin: %{atom() => BB.Unit.t()} | nil,
+          axis: %{atom() => number()} | nil,
+          limit: %{atom() => BB.Unit.t()} | nil,
+          dynamics: %{atom() => number()} | nil,
+          sensors: [atom()],
+          actuators: [atom()]
+        }
+end

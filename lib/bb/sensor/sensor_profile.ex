@@ -1,0 +1,12 @@
+defmodule BB.Sensor.SensorProfile do
+  @moduledoc """
+  What a sensor's place on the robot means for it, given to `init` as `opts[:sensor_profile]`.
+
+    * `:joint_name` - the joint it is attached to, `nil` elsewhere
+    * `:transmission` - what is between the sensor and the joint, `nil` when it measures the joint itself
+  """
+
+  defstruct [:joint_name, :transmission]
+
+  @type t :: %__MODULE__{joint_name: atom() | nil, transmission: term()}
+end

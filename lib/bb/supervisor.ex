@@ -1,0 +1,74 @@
+defmodule BB.Supervisor do
+  @moduledoc """
+  The root of a robot's processes, registered under the robot's module.
+
+      MyRobot                          one_for_one
+      ├── MyRobot.Registry             names of components
+      ├── MyRobot.PubSub               the bus
+      └── topology                     BB.Supervisor.Part
+          ├── :battery                 BB.Component.Keeper ── BB.Component.Server
+          └── link :base_link          BB.Supervisor.Part
+              ├── :imu                 BB.Component.Keeper ── BB.Component.Server
+              └── joint :shoulder      BB.Supervisor.Part …
+
+  A component that crashes, hangs or misses its device is its keeper's matter alone (`BB.Component.Keeper`): no supervisor
+  notices, so none ever restarts for it.
+  """
+
+  use Supervisor
+
+  alias BB.Component.Options
+  alias BB.Options.ValidationError
+  alias BB.Supervisor.Successor
+
+  @doc """
+  Starts a robot.
+
+  Options of a component that its schema refuses are a mistake in the robot's declaration: nothing is started then, and the
+  result is `{:error, error}` with a `BB.Options.ValidationError`. `Exception.message(error)` is a sentence for people, which
+  ends in the path of the component:
+
+      unknown options [:buss], valid options are: [:bus, :rate] (in options [:base_link, :imu])
+
+  `opts` are the robot's options; there are none yet.
+  """
+  @spec start_link(module(), keyword()) :: Supervisor.on_start() | {:error, ValidationError.t()}
+  def start_link(robot, opts \\ []) do
+    with {:ok, _opts} <- BB.Options.validate(opts, []),
+         :ok <- check(robot.robot().components),
+         do: Supervisor.start_link(__MODULE__, robot, name: robot)
+  end
+
+  @doc """
+  Why a robot was not started, as a sentence: for the error of `start_link/2`, and for that of a supervisor or an application
+  which has the robot among its children.
+
+      iex> error = %BB.Options.ValidationError{message: "unknown options [:buss]", keys_path: [:imu]}
+      iex> BB.Supervisor.format_error({:shutdown, {:failed_to_start_child, MyRobot, error}})
+      "unknown options [:buss] (in options [:imu])"
+  """
+  @spec format_error(term()) :: String.t()
+  def format_error({:shutdown, reason}), do: format_error(reason)
+  def format_error({:failed_to_start_child, _id, reason}), do: format_error(reason)
+  def format_error({{:shutdown, _} = reason, {_module, :start, _args}}), do: format_error(reason)
+  def format_error(error) when is_exception(error), do: Exception.message(error)
+  def format_error(reason), do: Exception.format_exit(reason)
+
+  @impl Supervisor
+  def init(robot) do
+    children = [
+      Successor.child_spec({Registry, keys: :unique, name: BB.Process.registry_name(robot)}),
+      Successor.child_spec({BB.PubSub, robot}),
+      {BB.Supervisor.Part, {robot, nil}}
+    ]
+
+    Supervisor.init(children, strategy: :one_for_one)
+  end
+
+  defp check([]), do: :ok
+
+  defp check([component | rest]) do
+    with {:ok, _options} <- Options.check(component.module, component.options, component.path),
+         do: check(rest)
+  end
+end

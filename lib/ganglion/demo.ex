@@ -1,0 +1,198 @@
+defmodule Ganglion.Demo do
+  @moduledoc """
+  The demonstration behind `bin/demo`: the robot that ships, on simulated buses, watched for a while.
+
+  It starts the simulated bus and `Ganglion.Robot`, subscribes to everything that the robot publishes, and each second shows what came. SIGTERM
+  (which `bin/demo` makes of Ctrl-C) and the end of the time stop the robot in order; then comes the summary.
+  """
+
+  alias BB.Bus.Sim
+  alias Ganglion.Demo.{LogTail, Observation, Options, Report, Signals}
+  alias Ganglion.{Json, Robot}
+
+  @topics ~w(camera imu tags)
+  @carriers [:imu_outlet, :tags_inlet]
+  @imu_address 0x68
+  @log_lines 5
+
+  defstruct [:options, :started, :screen?, :robot, :observation, log: []]
+
+  @doc "Runs the demonstration with the arguments of the command line and ends the VM with its exit status."
+  @spec main([String.t()]) :: no_return()
+  def main(argv) do
+    from = System.get_env("GANGLION_CALLER_DIR", File.cwd!())
+
+    status =
+      case Options.parse(argv, from) do
+        {:ok, options} -> run(options)
+        {:error, mistake} -> fail(mistake, 2)
+      end
+
+    System.halt(status)
+  end
+
+  @doc "Runs the demonstration: 0, or 1 when it cannot start, after a line on standard error that says why."
+  @spec run(Options.t()) :: 0..1
+  def run(options) do
+    with :ok <- check_photographs(options.frames),
+         {:ok, imu} <- imu_source(options.imu),
+         {:ok, demo} <- start(options, imu) do
+      demo |> watch() |> finish()
+      0
+    else
+      {:error, why} -> fail(why, 1)
+    end
+  end
+
+  defp start(options, imu) do
+    Application.put_env(:ganglion, :camera_args, camera_args(options.frames))
+    {:ok, _} = Application.ensure_all_started(:ganglion)
+    Process.flag(:trap_exit, true)
+    :ok = Signals.forward_to(self())
+    screen? = not options.json and System.get_env("GANGLION_TERMINAL") == "1"
+    if screen?, do: LogTail.attach(self())
+
+    {:ok, _} =
+      Sim.start_link(
+        buses: %{"i2c-1" => [devices: %{@imu_address => {Sim.Mpu6050, source: imu}}]}
+      )
+
+    before = Observation.new(topics(), now())
+
+    case Robot.start_link() do
+      {:ok, robot} ->
+        {:ok, _} = BB.subscribe(Robot, [:sensor])
+
+        {:ok,
+         %__MODULE__{
+           options: options,
+           robot: robot,
+           started: now(),
+           screen?: screen?,
+           observation: before
+         }}
+
+      {:error, reason} ->
+        {:error, sentence(reason)}
+    end
+  end
+
+  # The loop: messages as they come, a look each second, until the time is over or somebody stops it.
+
+  defp watch(demo) do
+    Process.send_after(self(), :look, 1000)
+    if demo.options.seconds, do: Process.send_after(self(), :over, demo.options.seconds * 1000)
+    loop(demo)
+  end
+
+  defp loop(demo) do
+    receive do
+      {:bb, path, message} -> loop(observe(demo, &Observation.message(&1, path, message, now())))
+      {:log, line} -> loop(%{demo | log: Enum.take([line | demo.log], @log_lines)})
+      :look -> loop(look(demo))
+      :over -> demo
+      {:signal, :sigterm} -> demo
+      {:EXIT, robot, _reason} when robot == demo.robot -> demo
+      _other -> loop(demo)
+    end
+  end
+
+  defp observe(demo, fun), do: %{demo | observation: fun.(demo.observation)}
+
+  defp look(demo) do
+    Process.send_after(self(), :look, 1000)
+    demo = observe_topics(demo)
+    show(demo)
+    observe(demo, &Observation.looked/1)
+  end
+
+  defp observe_topics(demo) do
+    Enum.reduce(topics(), demo, fn info, demo ->
+      observe(demo, &Observation.topic(&1, info, now()))
+    end)
+  end
+
+  defp topics, do: for(topic <- @topics, {:ok, info} <- [BB.Ring.info(topic)], do: info)
+
+  defp finish(demo) do
+    demo = observe_topics(demo)
+    view = view(demo)
+    stop_robot(demo.robot)
+
+    if demo.options.json,
+      do: print_json(Report.summary(view)),
+      else: IO.write(["\n", Report.closing(view)])
+  end
+
+  defp stop_robot(robot) do
+    Supervisor.stop(robot)
+  catch
+    :exit, _already_gone -> :ok
+  end
+
+  defp show(%{options: %{json: true}} = demo) do
+    view = view(demo)
+    print_json(Map.put(Report.summary(view), :seconds, Float.round(view.seconds, 1)))
+  end
+
+  defp show(%{screen?: true} = demo),
+    do: IO.write([IO.ANSI.home(), IO.ANSI.clear(), Report.screen(view(demo))])
+
+  defp show(demo), do: IO.write([Report.screen(view(demo)), "\n"])
+
+  defp print_json(term), do: IO.puts(Json.encode(term))
+
+  defp view(demo) do
+    %{
+      observation: demo.observation,
+      health: Enum.sort_by(BB.Sensor.health(Robot), & &1.name),
+      carried:
+        for(
+          name <- @carriers,
+          {:ok, stats} <- [BB.Handoff.stats(Robot, name)],
+          into: %{},
+          do: {name, stats}
+        ),
+      topic_of: &Robot.topic/1,
+      seconds: (now() - demo.started) / 1.0e9,
+      now: now(),
+      log: Enum.reverse(demo.log)
+    }
+  end
+
+  defp now, do: System.monotonic_time(:nanosecond)
+
+  # Input
+
+  defp imu_source(nil), do: {:ok, :motion}
+
+  defp imu_source(path) do
+    case Sim.Recording.load(path) do
+      {:ok, recording} -> {:ok, {:recording, recording}}
+      {:error, error} -> {:error, sentence(error)}
+    end
+  end
+
+  defp camera_args(nil), do: []
+  defp camera_args(folder), do: ["--frames", folder]
+
+  # The camera itself says whether it can use the photographs, before anything is started.
+  defp check_photographs(nil), do: :ok
+
+  defp check_photographs(folder) do
+    camera = Application.app_dir(:ganglion, ["priv", "bin", "camera"])
+
+    case System.cmd(camera, ["--frames", folder, "--check"], stderr_to_stdout: true) do
+      {_, 0} -> :ok
+      {text, _} -> {:error, String.trim(text)}
+    end
+  end
+
+  defp sentence(reason) when is_exception(reason), do: Exception.message(reason)
+  defp sentence(reason), do: Exception.format_exit(reason)
+
+  defp fail(why, status) do
+    IO.puts(:stderr, "demo: #{why}")
+    status
+  end
+end

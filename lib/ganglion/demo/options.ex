@@ -1,0 +1,57 @@
+defmodule Ganglion.Demo.Options do
+  @moduledoc """
+  The demonstration's command line: pure but for looking whether files exist.
+  """
+
+  @switches [seconds: :integer, imu: :string, frames: :string, json: :boolean]
+  @accepted "--seconds N, --imu FILE, --frames DIR, --json, --help"
+
+  defstruct seconds: nil, imu: nil, frames: nil, json: false
+
+  @type t :: %__MODULE__{
+          seconds: pos_integer() | nil,
+          imu: Path.t() | nil,
+          frames: Path.t() | nil,
+          json: boolean()
+        }
+
+  @doc """
+  The options of `argv`; relative paths count from `from`. A mistake is `{:error, sentence}`.
+  """
+  @spec parse([String.t()], Path.t()) :: {:ok, t()} | {:error, String.t()}
+  def parse(argv, from) do
+    with {:ok, given} <- split(argv),
+         {:ok, seconds} <- seconds(given[:seconds]),
+         {:ok, imu} <- existing(given[:imu], from, &File.regular?/1, "--imu takes a file"),
+         {:ok, frames} <- existing(given[:frames], from, &File.dir?/1, "--frames takes a folder") do
+      {:ok, %__MODULE__{seconds: seconds, imu: imu, frames: frames, json: given[:json] || false}}
+    end
+  end
+
+  defp split(argv) do
+    case OptionParser.parse(argv, strict: @switches) do
+      {given, [], []} -> {:ok, given}
+      {_, [extra | _], []} -> {:error, "unexpected argument #{extra}; accepted: #{@accepted}"}
+      {_, _, [{option, value} | _]} -> {:error, refused(option, value)}
+    end
+  end
+
+  defp refused("--seconds", value),
+    do: "--seconds takes a whole number from 1 up, got: #{value || "nothing"}"
+
+  defp refused(option, nil) when option in ["--imu", "--frames"],
+    do: "#{option} takes a path, got nothing"
+
+  defp refused(option, _value), do: "unknown option #{option}; accepted: #{@accepted}"
+
+  defp seconds(nil), do: {:ok, nil}
+  defp seconds(seconds) when seconds > 0, do: {:ok, seconds}
+  defp seconds(seconds), do: {:error, refused("--seconds", seconds)}
+
+  defp existing(nil, _from, _exists?, _what), do: {:ok, nil}
+
+  defp existing(path, from, exists?, what) do
+    path = Path.expand(path, from)
+    if exists?.(path), do: {:ok, path}, else: {:error, "#{what}, and there is none at #{path}"}
+  end
+end

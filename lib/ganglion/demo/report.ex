@@ -1,0 +1,198 @@
+defmodule Ganglion.Demo.Report do
+  @moduledoc """
+  What the demonstration shows, from what it has observed: pure text and data.
+  """
+
+  alias BB.Message.Sensor.Imu
+  alias BB.Message.Vision.TagDetections
+  alias BB.Math.Vec3
+  alias Ganglion.Demo.{Counter, Latency, Observation}
+
+  @typedoc "All that a report is made of. `carried` are the counters of outlets and inlets; `topic_of` names a sensor's ring topic."
+  @type view :: %{
+          observation: Observation.t(),
+          health: [map()],
+          carried: %{atom() => map()},
+          topic_of: (atom() -> String.t() | nil),
+          seconds: number(),
+          now: integer(),
+          log: [String.t()]
+        }
+
+  @doc "The screen: sensors, topics, vision, the last lines of the log."
+  @spec screen(view()) :: iodata()
+  def screen(view) do
+    [
+      "ganglion, #{round(view.seconds)} s   (Ctrl-C stops)\n\n",
+      row(["sensor", "state", "Hz", "count", "age", "restarts", "last value"]),
+      Enum.map(view.health, &sensor_row(&1, view)),
+      "\n",
+      topic_row(["topic", "state", "Hz", "count", "lost", "readers"]),
+      Enum.map(topics(view), &topic_row/1),
+      "\n",
+      vision_line(view),
+      if(view.log == [], do: [], else: ["\n", Enum.map(view.log, &[cut(&1, 110), "\n"])])
+    ]
+  end
+
+  @doc "The summary as `bin/demo --json` ends with."
+  @spec summary(view()) :: map()
+  def summary(%{observation: observation} = view) do
+    %{
+      sensors: Map.new(view.health, fn sensor -> {sensor.name, sensor_summary(sensor, view)} end),
+      vision: %{
+        frames: observation.frames,
+        detections: observation.detections,
+        p50_us: Latency.quantile_us(observation.latency, 0.5),
+        p99_us: Latency.quantile_us(observation.latency, 0.99)
+      },
+      ring: %{lost: Observation.lost(observation), torn: torn(view)}
+    }
+  end
+
+  @doc "The summary for a person."
+  @spec closing(view()) :: iodata()
+  def closing(view) do
+    summary = summary(view)
+
+    [
+      "summary after #{Float.round(view.seconds / 1, 1)} s\n",
+      for {name, sensor} <- Enum.sort(summary.sensors) do
+        "  #{pad(name, 12)} #{pad(sensor.state, 8)} #{sensor.published} published, #{sensor.hz} Hz, #{sensor.restarts} restarts\n"
+      end,
+      "  ",
+      vision_line(view),
+      "  ring: #{summary.ring.lost} lost, #{summary.ring.torn} torn\n"
+    ]
+  end
+
+  defp sensor_summary(sensor, view) do
+    {published, hz} =
+      case counter(sensor, view) do
+        nil -> {0, 0.0}
+        counter -> {counter.count, Float.round(Counter.mean_rate(counter), 2)}
+      end
+
+    %{state: sensor.state, published: published, hz: hz, restarts: sensor.restarts}
+  end
+
+  # A message that came through the ring and did not decode. One that its publisher was killed in, or lapped, must never be among them.
+  defp torn(view),
+    do: view.carried |> Map.values() |> Enum.map(&Map.get(&1, :malformed, 0)) |> Enum.sum()
+
+  defp sensor_row(sensor, view) do
+    counter = counter(sensor, view)
+
+    row([
+      sensor.name,
+      sensor.state,
+      counter && Float.round(Counter.rate(counter), 1),
+      counter && counter.count,
+      counter && age(Counter.age(counter, view.now)),
+      sensor.restarts,
+      last_value(sensor, view)
+    ])
+  end
+
+  # What a sensor gives is seen on its pubsub path, or on its ring topic.
+  defp counter(sensor, %{observation: observation, topic_of: topic_of}) do
+    case {observation.paths[[:sensor | sensor.path]], observation.topics[topic_of.(sensor.name)]} do
+      {{counter, _payload}, _} -> counter
+      {nil, {counter, _info}} -> counter
+      {nil, nil} -> nil
+    end
+  end
+
+  defp last_value(%{state: state, reason: reason}, _view) when state != :up and reason != nil do
+    reason |> inspect() |> cut(44)
+  end
+
+  defp last_value(sensor, view) do
+    case view.observation.paths[[:sensor | sensor.path]] do
+      {_counter, payload} -> describe(payload)
+      nil -> describe(view.carried[sensor.name])
+    end
+  end
+
+  defp describe(%Imu{angular_velocity: turn, linear_acceleration: acceleration}) do
+    "turn #{vector(turn)} rad/s, accel #{vector(acceleration)} m/s2"
+  end
+
+  defp describe(%TagDetections{detections: []}), do: "no tag in sight"
+
+  defp describe(%TagDetections{detections: detections}) do
+    ids = detections |> Enum.map(& &1.id) |> Enum.sort() |> Enum.map_join(" ", &to_string/1)
+    "#{length(detections)} tags: #{cut(ids, 34)}"
+  end
+
+  defp describe(%{lost: lost, malformed: malformed}), do: "#{lost} lost, #{malformed} malformed"
+  defp describe(%{too_large: too_large}), do: "#{too_large} too large"
+  defp describe(_), do: ""
+
+  defp vector(%Vec3{x: x, y: y, z: z}),
+    do: Enum.map_join([x, y, z], " ", &:erlang.float_to_binary(&1, decimals: 2))
+
+  defp topics(view) do
+    for {name, {counter, info}} <- Enum.sort(view.observation.topics) do
+      lost = info.readers |> Enum.map(& &1.lost) |> Enum.sum()
+
+      [
+        name,
+        info.state,
+        Float.round(Counter.rate(counter), 1),
+        counter.count,
+        lost,
+        length(info.readers)
+      ]
+    end
+  end
+
+  defp vision_line(%{observation: observation}) do
+    latency =
+      case {Latency.quantile_us(observation.latency, 0.5),
+            Latency.quantile_us(observation.latency, 0.99)} do
+        {nil, nil} -> ""
+        {p50, p99} -> ", captured to known: p50 #{ms(p50)}, p99 #{ms(p99)}"
+      end
+
+    "vision: #{observation.frames} frames, #{observation.detections} tags seen#{latency}\n"
+  end
+
+  defp row([name, state, hz, count, age, restarts, value]) do
+    [
+      pad(name, 12),
+      pad(state, 8),
+      lead(hz, 7),
+      lead(count, 8),
+      lead(age, 8),
+      lead(restarts, 10),
+      "  ",
+      to_string(value),
+      "\n"
+    ]
+  end
+
+  defp topic_row([name, state, hz, count, lost, readers]) do
+    [
+      pad(name, 12),
+      pad(state, 8),
+      lead(hz, 7),
+      lead(count, 8),
+      lead(lost, 8),
+      lead(readers, 10),
+      "\n"
+    ]
+  end
+
+  defp pad(text, width), do: text |> to_string() |> String.pad_trailing(width)
+  defp lead(nil, width), do: lead("-", width)
+  defp lead(text, width), do: text |> to_string() |> String.pad_leading(width)
+
+  defp age(ns) when ns < 10_000_000_000, do: "#{div(ns, 1_000_000)} ms"
+  defp age(ns), do: "#{div(ns, 1_000_000_000)} s"
+
+  defp ms(us), do: "#{Float.round(us / 1000, 1)} ms"
+
+  defp cut(text, length),
+    do: if(String.length(text) > length, do: String.slice(text, 0, length - 1) <> "…", else: text)
+end

@@ -1,0 +1,157 @@
+//! The shapes in which things of the ring reach Elixir.
+
+use std::path::Path;
+
+use conduit_ring::{Error, Info, Meta, PublishError, Reader, State};
+use rustler::{Atom, Binary, Encoder, Env, NifMap, NifStruct, Term};
+
+use crate::buffer::Buffer;
+
+/// Atoms by name.
+pub mod atoms {
+    rustler::atoms! {
+        active, bb_ring, bb_ring_closed, bb_ring_passive, bb_ring_reply, busy, closed, dead, empty, invalid, legacy,
+        legacy_topic, live, message_too_large, no_reader_slot, no_topic, not_a_ring, passive, publisher_alive,
+        publisher_down, publisher_up, retired, system, thread, timeout, unknown,
+    }
+}
+
+#[derive(NifStruct)]
+#[module = "BB.Ring.Message"]
+struct Message<'a> {
+    sequence: u64,
+    timestamp_ns: u64,
+    data: Binary<'a>,
+    lost: u64,
+}
+
+/// `{:ok, value}`.
+pub fn ok<'a>(env: Env<'a>, value: impl Encoder) -> Term<'a> {
+    (rustler::types::atom::ok(), value).encode(env)
+}
+
+/// `{:error, reason}`.
+pub fn error<'a>(env: Env<'a>, reason: impl Encoder) -> Term<'a> {
+    (rustler::types::atom::error(), reason).encode(env)
+}
+
+/// A message as a `%BB.Ring.Message{}`.
+pub fn message(env: Env<'_>, meta: Meta, data: Buffer) -> Term<'_> {
+    let message = Message {
+        sequence: meta.sequence,
+        timestamp_ns: meta.timestamp_ns,
+        lost: meta.lost,
+        data: data.into_binary(env),
+    };
+    message.encode(env)
+}
+
+/// A topic as it stands, as `t:BB.Ring.info/0`.
+#[derive(NifMap)]
+pub struct InfoTerm {
+    topic: String,
+    slot_count: u32,
+    slot_size: u32,
+    max_message_size: usize,
+    published: u64,
+    state: Atom,
+    epoch: u32,
+    writer_pid: u32,
+    last_publish_ns: u64,
+    readers: Vec<ReaderTerm>,
+    rejected_oversize: u64,
+    dropped_pinned: u64,
+    wake_count: u64,
+}
+
+#[derive(NifMap)]
+struct ReaderTerm {
+    index: u32,
+    os_pid: u32,
+    native: bool,
+    alive: bool,
+    next_sequence: u64,
+    lost: u64,
+}
+
+impl From<Info> for InfoTerm {
+    fn from(info: Info) -> Self {
+        Self {
+            topic: info.topic.name().to_owned(),
+            slot_count: info.geometry.slot_count(),
+            slot_size: info.geometry.slot_size(),
+            max_message_size: info.geometry.max_message_size(),
+            published: info.published,
+            state: state(info.state),
+            epoch: info.epoch,
+            writer_pid: info.writer_pid,
+            last_publish_ns: info.last_publish_ns,
+            readers: info.readers.into_iter().map(ReaderTerm::from).collect(),
+            rejected_oversize: info.rejected_oversize,
+            dropped_pinned: info.dropped_pinned,
+            wake_count: info.wake_count,
+        }
+    }
+}
+
+impl From<Reader> for ReaderTerm {
+    fn from(reader: Reader) -> Self {
+        Self {
+            index: reader.index,
+            os_pid: reader.pid,
+            native: reader.native,
+            alive: reader.alive,
+            next_sequence: reader.next_sequence,
+            lost: reader.lost,
+        }
+    }
+}
+
+fn state(state: State) -> Atom {
+    match state {
+        State::Live => atoms::live(),
+        State::Dead => atoms::dead(),
+        State::Closed => atoms::closed(),
+        State::Retired => atoms::retired(),
+        State::Legacy => atoms::legacy(),
+        _ => atoms::unknown(),
+    }
+}
+
+/// `{:error, reason}` with a reason of `t:BB.Ring.reason/0`.
+pub fn failure<'a>(env: Env<'a>, failed: &Error) -> Term<'a> {
+    let reason = match failed {
+        Error::PublisherAlive { pid, .. } => (atoms::publisher_alive(), pid).encode(env),
+        Error::LegacyInUse { path } => (atoms::legacy_topic(), text(path)).encode(env),
+        Error::NoReaderSlot { path } => (atoms::no_reader_slot(), text(path)).encode(env),
+        Error::NoTopic { path } => (atoms::no_topic(), text(path)).encode(env),
+        Error::BadSegment { path, fault } => {
+            (atoms::not_a_ring(), text(path), fault.to_string()).encode(env)
+        }
+        Error::Os {
+            action,
+            path,
+            source,
+        } => (
+            atoms::system(),
+            text(path),
+            *action,
+            source.raw_os_error().unwrap_or(0),
+        )
+            .encode(env),
+        other => (atoms::invalid(), other.to_string()).encode(env),
+    };
+    error(env, reason)
+}
+
+fn text(path: &Path) -> String {
+    path.display().to_string()
+}
+
+/// The atom of a message that was not published.
+pub fn publish_error(failed: &PublishError) -> Atom {
+    match failed {
+        PublishError::TooLarge { .. } => atoms::message_too_large(),
+        _ => atoms::closed(),
+    }
+}

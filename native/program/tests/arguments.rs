@@ -1,0 +1,67 @@
+//! How options are taken and refused.
+
+use program::Failure;
+use program::arguments::{Arguments, required};
+
+const KNOWN: &[&str] = &["--rate", "--verbose"];
+
+fn usage<T: std::fmt::Debug>(result: Result<T, Failure>) -> String {
+    match result {
+        Err(Failure::Usage(text)) => text,
+        other => panic!("expected a usage error, got {other:?}"),
+    }
+}
+
+fn rate(arguments: &[&str]) -> Result<f64, Failure> {
+    let mut arguments = Arguments::new(arguments, KNOWN);
+    arguments.next()?;
+    arguments.parse("1 to 9", |rate| (1.0..=9.0).contains(rate))
+}
+
+#[test]
+fn a_value_stands_behind_its_option_or_after_an_equals_sign() {
+    assert_eq!(rate(&["--rate", "2.5"]), Ok(2.5));
+    assert_eq!(rate(&["--rate=2.5"]), Ok(2.5));
+}
+
+#[test]
+fn an_unknown_option_is_named_with_those_that_exist() {
+    for given in ["--rat", "-r", "rate"] {
+        let text = usage(Arguments::new([given], KNOWN).next());
+        assert!(text.contains(given), "{text}");
+        assert!(text.contains("--rate --verbose"), "{text}");
+    }
+}
+
+#[test]
+fn a_wrong_value_is_named_with_what_is_accepted() {
+    for given in ["10", "fast", "", "NaN"] {
+        let text = usage(rate(&["--rate", given]));
+        assert_eq!(
+            text,
+            format!("--rate was given {given:?}; accepted: 1 to 9")
+        );
+    }
+}
+
+#[test]
+fn a_missing_value_is_said_to_be_missing() {
+    let text = usage(rate(&["--rate"]));
+    assert_eq!(text, "--rate was given no value; accepted: 1 to 9");
+}
+
+#[test]
+fn a_value_where_none_belongs_is_refused() {
+    let mut arguments = Arguments::new(["--verbose=yes"], KNOWN);
+    assert_eq!(arguments.next(), Ok(Some("--verbose")));
+    assert_eq!(
+        usage(arguments.next()),
+        "--verbose was given a value; accepted: no value"
+    );
+}
+
+#[test]
+fn a_required_option_that_is_missing_is_named() {
+    let text = usage(required::<u8>(None, "--rate", "1 to 9"));
+    assert_eq!(text, "--rate is missing; accepted: 1 to 9");
+}

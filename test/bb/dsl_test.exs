@@ -1,0 +1,592 @@
+defmodule BB.DslTest do
+  use ExUnit.Case, async: true
+
+  import BB.Test.Robot
+  import BB.Unit, only: :sigils
+
+  alias BB.Test.Probe
+
+  # Compiles a robot with the given lines inside, the first of which is line 3, and returns the error.
+  defp mistake(lines) do
+    name = "Mistaken#{System.unique_integer([:positive])}"
+    source = "defmodule #{name} do\n  use BB\n#{lines}\nend"
+    error = assert_raise BB.Dsl.Error, fn -> Code.compile_string(source, "lib/robot.ex") end
+    assert inspect(error.module) == name
+    message = Exception.message(error)
+    assert message =~ "#{name}, #{inspect(error.path)} (lib/robot.ex:#{error.line}): "
+    error
+  end
+
+  describe "a declaration" do
+    test "becomes a robot with links, joints and sensors" do
+      robot =
+        robot do
+          settings do
+            name :rover
+          end
+
+          sensors do
+            sensor :battery, {BB.Test.Probe, rate: 1}
+          end
+
+          topology do
+            link :base_link do
+              sensor :imu, {BB.Test.Probe, rate: 100},
+                required: true,
+                max_silence: ~u(100 millisecond)
+
+              joint :shoulder do
+                type :revolute
+
+                origin do
+                  z(~u(0.1 meter))
+                end
+
+                axis do
+                  z(1)
+                end
+
+                limit lower: ~u(-90 degree),
+                      upper: ~u(90 degree),
+                      effort: ~u(10 newton_meter),
+                      velocity: ~u(60 degree_per_second)
+
+                dynamics damping: 0.1
+                sensor :encoder, BB.Test.Probe
+                link :arm
+              end
+            end
+          end
+        end
+
+      assert %BB.Robot{name: ^robot, root_link: :base_link} = declared = robot.robot()
+      assert declared.settings == %{name: :rover}
+
+      assert declared.sensors == %{
+               battery: %{name: :battery, attached_to: nil, transmission: nil},
+               imu: %{name: :imu, attached_to: {:link, :base_link}, transmission: nil},
+               encoder: %{name: :encoder, attached_to: {:joint, :shoulder}, transmission: nil}
+             }
+
+      assert {:ok, %{parent_joint: nil, child_joints: [:shoulder], sensors: [:imu]}} =
+               BB.Robot.fetch_link(declared, :base_link)
+
+      assert {:ok, %{parent_joint: :shoulder, child_joints: []}} =
+               BB.Robot.fetch_link(declared, :arm)
+
+      assert {:ok, joint} = BB.Robot.fetch_joint(declared, :shoulder)
+      assert %{type: :revolute, parent_link: :base_link, child_link: :arm} = joint
+      assert joint.origin == %{z: ~u(0.1 meter)}
+      assert joint.axis == %{z: 1}
+      assert joint.limit.velocity == ~u(60 degree_per_second)
+      assert joint.dynamics == %{damping: 0.1}
+      assert joint.sensors == [:encoder]
+    end
+
+    test "places sensors at [name], [link…, name] and [link…, joint, name]" do
+      robot =
+        robot do
+          sensors do
+            sensor :battery, BB.Test.Probe
+          end
+
+          topology do
+            link :base do
+              sensor :imu, BB.Test.Probe
+
+              joint :elbow do
+                type :fixed
+                sensor :encoder, BB.Test.Probe
+
+                link :arm do
+                  sensor :touch, BB.Test.Probe
+                end
+              end
+            end
+          end
+        end
+
+      paths = for component <- robot.robot().components, do: component.path
+
+      assert paths == [
+               [:battery],
+               [:base, :imu],
+               [:base, :elbow, :encoder],
+               [:base, :elbow, :arm, :touch]
+             ]
+    end
+
+    test "keeps a sensor's module, options and fields" do
+      robot =
+        robot do
+          sensors do
+            sensor :a, {BB.Test.Probe, rate: 5}, required: true, max_silence: ~u(0.5 second)
+
+            sensor :b, BB.Test.Probe do
+              retain true
+              max_silence ~u(1 millisecond)
+            end
+
+            sensor :c, BB.Test.Probe, retain: true do
+              required(true)
+            end
+          end
+        end
+
+      assert [
+               %{module: Probe, options: [rate: 5], required: true, retain: false} = a,
+               %{options: [], required: false, retain: true} = b,
+               %{required: true, retain: true, max_silence_ns: nil}
+             ] = robot.robot().components
+
+      assert a.max_silence_ns == 500_000_000
+      assert b.max_silence_ns == 1_000_000
+    end
+
+    test "means the same with and without parentheses, in blocks and in keywords" do
+      blocks =
+        robot do
+          settings do
+            name :one
+          end
+
+          topology do
+            link :base do
+              joint :j do
+                type :prismatic
+
+                limit do
+                  lower ~u(0 meter)
+                  upper ~u(1 meter)
+                end
+
+                sensor :s, {BB.Test.Probe, rate: 5} do
+                  required true
+                end
+
+                link :tip do
+                end
+              end
+            end
+          end
+        end
+
+      keywords =
+        robot do
+          settings(name: :one)
+
+          topology do
+            link(:base) do
+              joint(:j, type: :prismatic, limit: [lower: ~u(0 meter), upper: ~u(1 meter)]) do
+                sensor(:s, {BB.Test.Probe, rate: 5}, required: true)
+                link(:tip)
+              end
+            end
+          end
+        end
+
+      assert %{blocks.robot() | name: nil} == %{keywords.robot() | name: nil}
+    end
+
+    test "names links and joints without a name :link_0, :joint_0, …" do
+      robot =
+        robot do
+          topology do
+            link do
+              joint do
+                type :fixed
+                link()
+              end
+
+              joint type: :fixed do
+                link :named
+              end
+
+              joint do
+                type :continuous
+
+                link do
+                  sensor :s, BB.Test.Probe
+                end
+              end
+            end
+          end
+        end
+
+      declared = robot.robot()
+      assert declared.root_link == :link_0
+      assert Enum.sort(Map.keys(declared.links)) == [:link_0, :link_1, :link_2, :named]
+      assert Enum.sort(Map.keys(declared.joints)) == [:joint_0, :joint_1, :joint_2]
+      assert [%{path: [:link_0, :joint_2, :link_2, :s]}] = declared.components
+    end
+
+    test "is evaluated in the robot's module: expressions and comprehensions work" do
+      robot =
+        robot do
+          @rate 7
+
+          topology do
+            link :base do
+              for side <- [:left, :right] do
+                joint :"#{side}_wheel" do
+                  type :continuous
+                  sensor :"#{side}_encoder", {BB.Test.Probe, rate: @rate}
+                  link :"#{side}_tyre"
+                end
+              end
+            end
+          end
+        end
+
+      assert Map.keys(robot.robot().joints) == [:left_wheel, :right_wheel]
+      assert [%{options: [rate: 7]}, %{options: [rate: 7]}] = robot.robot().components
+    end
+
+    test "does not clash with functions of the robot's module" do
+      robot =
+        robot do
+          topology do
+            link :base do
+              joint :j do
+                type :fixed
+                origin x: ~u(1 meter)
+                link :tip
+              end
+            end
+          end
+
+          def type(x), do: x
+          def sensor(a, b), do: {a, b}
+          def link(a), do: a
+          def name(a), do: type(a)
+          def x(a), do: link(a)
+        end
+
+      assert robot.x(1) == 1
+      assert robot.name(2) == 2
+    end
+
+    test "may be empty" do
+      robot =
+        robot do
+        end
+
+      assert %BB.Robot{root_link: nil, components: []} = robot.robot()
+    end
+  end
+
+  describe "a mistake is refused while the module compiles:" do
+    test "two components of one name" do
+      error =
+        mistake("""
+          sensors do
+            sensor :imu, BB.Test.Probe
+          end
+
+          topology do
+            link :base do
+              sensor :imu, BB.Test.Probe
+            end
+          end
+        """)
+
+      assert error.path == [:topology, :base, :imu]
+      assert error.line == 9
+
+      assert Exception.message(error) =~
+               "sensor :imu has the name of another sensor, declared at lib/robot.ex:4; give each a name of its own"
+    end
+
+    test "two root links" do
+      error =
+        mistake("""
+          topology do
+            link :base
+            link :other
+          end
+        """)
+
+      assert error.line == 5
+
+      assert error.reason ==
+               ":other is a second root link beside :base, declared at lib/robot.ex:4; a robot has one: connect :other by a joint"
+    end
+
+    test "two links of one name" do
+      error =
+        mistake("""
+          topology do
+            link :base do
+              joint :j do
+                type :fixed
+                link :base
+              end
+            end
+          end
+        """)
+
+      assert error.path == [:topology, :base, :j, :base]
+      assert error.reason =~ "link :base has the name of another link"
+    end
+
+    test "a joint without a child link" do
+      error =
+        mistake("""
+          topology do
+            link :base do
+              joint :j do
+                type :fixed
+              end
+            end
+          end
+        """)
+
+      assert error.path == [:topology, :base, :j]
+      assert error.line == 5
+      assert error.reason == "joint :j has no child link; add `link :name` inside it"
+    end
+
+    test "a joint with two child links" do
+      error =
+        mistake("""
+          topology do
+            link :base do
+              joint :j do
+                type :fixed
+                link :a
+                link :b
+              end
+            end
+          end
+        """)
+
+      assert error.line == 8
+      assert error.reason =~ ":b is a second child link of joint :j"
+      assert error.reason =~ "give :b a joint of its own"
+    end
+
+    test "a joint without a type, or of an unknown one" do
+      error = mistake("  topology do\n link :b do\n joint :j do\n link :a\n end\n end\n end")
+      assert error.reason =~ "joint :j has no type; add `type` with one of :revolute, :continuous"
+
+      error = mistake("  topology do\n link :b do\n joint :j do\n type :ball\n end\n end\n end")
+
+      assert error.reason ==
+               "invalid value for :type option: expected one of [:revolute, :continuous, :prismatic, :fixed], got: :ball"
+
+      assert error.line == 6
+    end
+
+    test "missing limits on a revolute or prismatic joint" do
+      for type <- [:revolute, :prismatic] do
+        error =
+          mistake("""
+            topology do
+              link :base do
+                joint :j do
+                  type #{inspect(type)}
+                  link :a
+                end
+              end
+            end
+          """)
+
+        assert error.line == 5
+        assert error.reason =~ "joint :j is #{inspect(type)} and has no limit; add `limit lower: "
+      end
+    end
+
+    test "a unit of the wrong kind" do
+      joint = fn type, inside ->
+        "topology do\n link :b do\n joint :j do\n type #{inspect(type)}\n #{inside}\n link :a\n end\n end\n end"
+      end
+
+      assert mistake(joint.(:revolute, "limit lower: ~u(0 meter), upper: ~u(90 degree)")).reason =~
+               "invalid value for :lower option: expected an angle such as ~u(90 degree), got: 0 meter"
+
+      assert mistake(joint.(:prismatic, "limit effort: ~u(1 newton_meter)")).reason =~
+               "invalid value for :effort option: expected a force such as ~u(10 newton), got: 1 newton meter"
+
+      assert mistake(joint.(:fixed, "origin x: ~u(1 degree)")).reason =~
+               "invalid value for :x option: expected a length such as ~u(0.1 meter), got: 1 degree"
+
+      assert mistake(joint.(:fixed, "origin x: 0.1")).reason =~
+               "invalid value for :x option: expected a length such as ~u(0.1 meter), got: 0.1"
+
+      error = mistake("sensors do\n sensor :s, BB.Test.Probe, max_silence: ~u(1 meter)\n end")
+
+      assert error.reason ==
+               "invalid value for :max_silence option: expected a time above zero such as ~u(100 millisecond), got: 1 meter"
+
+      assert error.path == [:sensors, :s]
+    end
+
+    test "a limit whose lower end is above its upper end" do
+      error =
+        mistake("""
+          topology do
+            link :b do
+              joint :j, type: :revolute do
+                limit lower: ~u(90 degree), upper: ~u(-90 degree)
+                link :a
+              end
+            end
+          end
+        """)
+
+      assert error.reason == "limit: lower 90 degree is above upper -90 degree; swap them"
+    end
+
+    test "a child that does not implement its behaviour" do
+      error = mistake("  sensors do\n    sensor :s, {String, []}\n  end")
+      assert error.line == 4
+
+      assert error.reason ==
+               "sensor :s: String does not implement BB.Sensor; add `use BB.Sensor` to it"
+    end
+
+    test "a child that does not exist" do
+      error = mistake("  sensors do\n    sensor :s, BB.Sensor.Nonesuch\n  end")
+      assert error.reason =~ "sensor :s: there is no module BB.Sensor.Nonesuch; correct its name"
+    end
+
+    test "a child that is neither a module nor a module with keywords" do
+      assert mistake("sensors do\n sensor :s, \"imu\"\n end").reason ==
+               ~s(sensor :s: expected a module or {module, options}, got: "imu")
+
+      assert mistake("sensors do\n sensor :s, {BB.Test.Probe, %{rate: 1}}\n end").reason ==
+               "sensor :s: its options must be keywords, got: %{rate: 1}"
+    end
+
+    test "an option that cannot be compiled" do
+      error = mistake("sensors do\n sensor :s, {BB.Test.Probe, [rate: fn -> 1 end]}\n end")
+      assert error.reason =~ "sensor :s: option :rate cannot be part of a compiled module"
+      assert error.reason =~ "name a function as &Module.function/1"
+    end
+
+    test "a name that is no atom" do
+      assert mistake("topology do\n link \"base\"\n end").reason ==
+               ~s(the name of a link must be an atom such as :my_link, got: "base")
+    end
+
+    test "a field that the entity does not have" do
+      assert mistake("sensors do\n sensor :s, BB.Test.Probe, require: true\n end").reason ==
+               "a sensor has no :require; it takes :required, :retain, :max_silence"
+
+      assert mistake("settings nme: :x").reason == "settings has no :nme; it takes :name"
+    end
+
+    test "a field that is given twice" do
+      assert mistake("settings do\n name :a\n name :b\n end").reason ==
+               "name is given twice; keep one of them"
+
+      error = mistake("settings name: :a\n settings name: :b")
+      assert error.reason == "settings is given twice, first at lib/robot.ex:3; keep one of them"
+    end
+
+    test "a value of the wrong type" do
+      assert mistake("settings name: \"rover\"").reason ==
+               ~s(invalid value for :name option: expected atom, got: "rover")
+    end
+
+    test "a word in the wrong place" do
+      error =
+        mistake("""
+          topology do
+            link :base do
+              joint :j do
+                type :fixed
+                link :tip do
+                  type :fixed
+                end
+              end
+            end
+          end
+        """)
+
+      assert error.path == [:topology, :base, :j, :tip]
+      assert error.reason == "type cannot stand in a link; it belongs in a joint"
+
+      error =
+        mistake("""
+          topology do
+            link :base do
+              joint :j do
+                joint :k do
+                end
+              end
+            end
+          end
+        """)
+
+      assert error.reason == "joint cannot stand in a joint; it belongs in a link"
+    end
+  end
+
+  describe "the formatter's exports" do
+    setup do
+      {config, _} = Code.eval_file(".formatter.exs")
+      %{words: config[:export][:locals_without_parens], own: config[:locals_without_parens]}
+    end
+
+    test "keep a declaration without parentheses", %{words: words} do
+      source = """
+      defmodule MyRobot do
+        use BB
+
+        settings do
+          name :my_robot
+        end
+
+        topology do
+          link :base do
+            sensor :imu, {BB.Test.Probe, rate: 1}, required: true
+
+            joint :shoulder, type: :revolute do
+              origin z: ~u(0.1 meter)
+              limit lower: ~u(-90 degree), upper: ~u(90 degree)
+
+              sensor :encoder, BB.Test.Probe do
+                max_silence ~u(1 second)
+              end
+
+              link :arm
+            end
+          end
+        end
+      end
+      """
+
+      formatted = source |> Code.format_string!(locals_without_parens: words) |> to_string()
+      assert formatted <> "\n" == source
+    end
+
+    test "hold in this project too", %{words: words, own: own} do
+      assert own == words
+    end
+
+    test "name every word of the DSL", %{words: words} do
+      modules = [
+        BB.Dsl.Robot,
+        BB.Dsl.Settings,
+        BB.Dsl.Component,
+        BB.Dsl.Sensor,
+        BB.Dsl.Topology,
+        BB.Dsl.Link,
+        BB.Dsl.Joint,
+        BB.Dsl.Origin,
+        BB.Dsl.Axis,
+        BB.Dsl.Limit,
+        BB.Dsl.Dynamics
+      ]
+
+      defined =
+        for module <- modules,
+            {word, arity} <- module.__info__(:macros),
+            arity > 0,
+            do: {word, arity}
+
+      assert Enum.sort(Enum.uniq(defined)) == Enum.sort(words)
+    end
+  end
+end

@@ -1,0 +1,46 @@
+defmodule BB.Math.CovarianceTest do
+  use ExUnit.Case, async: true
+  use BB.Test.Prop
+
+  import BB.Test.Math, only: [close?: 2, coordinate: 0, quaternion: 0]
+
+  alias BB.Math.{Covariance3, Covariance6, Quaternion}
+
+  doctest BB.Math.Covariance3
+  doctest BB.Math.Covariance6
+
+  defp covariance3, do: map(vector(9, coordinate()), &Covariance3.new/1)
+
+  test "they have 9 and 36 elements" do
+    assert_raise ArgumentError, ~r/9 elements, got: \[1\]/, fn -> Covariance3.new([1]) end
+    assert_raise ArgumentError, ~r/36 elements, got: \[1\]/, fn -> Covariance6.new([1]) end
+  end
+
+  test "elements are found by row and column" do
+    assert Covariance3.at(Covariance3.new(Enum.to_list(0..8)), 1, 2) == 5.0
+    assert Covariance6.at(Covariance6.new(Enum.to_list(0..35)), 1, 2) == 8.0
+  end
+
+  property "the parts of a Covariance6 come out as they went in" do
+    forall {linear, angular} <- {covariance3(), covariance3()} do
+      whole = Covariance6.from_parts(linear, angular)
+
+      Covariance6.linear(whole) == linear and Covariance6.angular(whole) == angular and
+        Covariance6.at(whole, 0, 3) == 0.0
+    end
+  end
+
+  property "turned variances keep their sum, and turn back" do
+    forall {a, b, c, q} <- {coordinate(), coordinate(), coordinate(), quaternion()} do
+      covariance = Covariance3.diagonal(a, b, c)
+      turned = Covariance3.rotate(covariance, q)
+      back = Covariance3.rotate(turned, Quaternion.inverse(q))
+      trace = fn m -> Enum.sum(for i <- 0..2, do: Covariance3.at(m, i, i)) end
+
+      abs(trace.(turned) - trace.(covariance)) < 1.0e-9 and
+        Enum.zip(Covariance3.to_list(back), Covariance3.to_list(covariance))
+        |> Enum.all?(fn {x, y} -> abs(x - y) < 1.0e-9 end) and
+        close?(Covariance3.at(turned, 0, 1), Covariance3.at(turned, 1, 0))
+    end
+  end
+end

@@ -1,0 +1,197 @@
+defmodule BB.Message.PayloadsTest do
+  use ExUnit.Case, async: true
+
+  alias BB.Math.{Quaternion, Transform, Vec3}
+  alias BB.Message
+  alias BB.Message.{Geometry, Sensor}
+  alias BB.Message.Vision.{TagDetection, TagDetections}
+
+  @detection %TagDetection{
+    family: "tag36h11",
+    id: 7,
+    hamming: 0,
+    decision_margin: 80.5,
+    centre: {10.0, 20.0},
+    corners: [{9.0, 19.0}, {11.0, 19.0}, {11.0, 21.0}, {9.0, 21.0}]
+  }
+
+  # What each payload needs, and what it has when nothing else is given.
+  @payloads [
+    {Sensor.Imu,
+     [
+       orientation: Quaternion.identity(),
+       angular_velocity: Vec3.zero(),
+       linear_acceleration: Vec3.zero()
+     ],
+     [
+       orientation_covariance: nil,
+       angular_velocity_covariance: nil,
+       linear_acceleration_covariance: nil
+     ]},
+    {Sensor.PowerState, [voltage: 7.4, current: -0.1], [power: nil, shunt_voltage: nil]},
+    {Sensor.BatteryState, [voltage: 7.4],
+     [
+       current: 0.0,
+       charge: 0.0,
+       capacity: 0.0,
+       percentage: nil,
+       power_supply_status: :unknown,
+       power_supply_health: :unknown,
+       present: true
+     ]},
+    {Sensor.Range,
+     [
+       radiation_type: :ultrasound,
+       field_of_view: 0.2,
+       min_range: 0.02,
+       max_range: 4.0,
+       range: 1.0
+     ], []},
+    {Sensor.LaserScan,
+     [
+       angle_min: -1.0,
+       angle_max: 1.0,
+       angle_increment: 0.5,
+       time_increment: 0.0,
+       scan_time: 0.1,
+       range_min: 0.1,
+       range_max: 12.0,
+       ranges: [1.0, 2.0]
+     ], [intensities: []]},
+    {Sensor.Image, [height: 2, width: 2, step: 2, encoding: :mono8, data: <<1, 2, 3, 4>>],
+     [is_bigendian: false]},
+    {Sensor.JointState, [names: [:elbow]], [positions: [], velocities: [], efforts: []]},
+    {Sensor.Contact, [pressed: true], []},
+    {Sensor.Status, [state: :up], [reason: nil, restarts: 0, retry_in_ms: nil]},
+    {Geometry.Pose, [transform: Transform.identity()], []},
+    {Geometry.Point3D, [vec: Vec3.zero()], []},
+    {Geometry.Twist, [linear: Vec3.zero(), angular: Vec3.zero()], []},
+    {Geometry.Accel, [linear: Vec3.zero(), angular: Vec3.zero()], []},
+    {Geometry.Wrench, [force: Vec3.zero(), torque: Vec3.zero()], []},
+    {Geometry.Twist2D, [vx: 1.0, vy: 0.0, omega: 0.0], []},
+    {Geometry.Wrench2D, [fx: 1.0, fy: 0.0, tau: 0.0], []},
+    {TagDetections, [frame_sequence: 3, capture_time: -5, detections: [@detection]],
+     [camera_frame_id: nil, image_width: nil, image_height: nil, angular_speed: nil]}
+  ]
+
+  for {module, required, defaults} <- @payloads do
+    describe inspect(module) do
+      @module module
+      @required required
+      @defaults defaults
+
+      test "is made from what it needs, the rest has its defaults" do
+        payload = Message.new!(@module, :frame, @required).payload
+        assert payload == struct!(@module, @required ++ @defaults)
+
+        assert Enum.sort(Map.keys(Map.from_struct(payload))) ==
+                 Enum.sort(Keyword.keys(@required ++ @defaults))
+      end
+
+      for {key, _} <- required do
+        test "requires #{key}" do
+          assert {:error, %{key: unquote(key)} = error} =
+                   @module.new(:frame, Keyword.delete(@required, unquote(key)))
+
+          assert Exception.message(error) =~ "required #{inspect(unquote(key))} option not found"
+        end
+      end
+    end
+  end
+
+  defp message(module, attrs) do
+    {_, required, _} = List.keyfind(@payloads, module, 0)
+    assert {:error, error} = Message.new(module, :frame, Keyword.merge(required, attrs))
+    Exception.message(error)
+  end
+
+  test "a Range may be out of reach" do
+    {_, required, _} = List.keyfind(@payloads, Sensor.Range, 0)
+
+    assert {:ok, %{payload: %{range: :infinity}}} =
+             Sensor.Range.new(:frame, Keyword.put(required, :range, :infinity))
+
+    assert message(Sensor.Range, range: :far) =~ "expected :infinity, got: :far"
+  end
+
+  test "a BatteryState's percentage is from 0 to 1" do
+    for p <- [0.0, 1.0, nil],
+        do: assert({:ok, _} = Sensor.BatteryState.new(:f, voltage: 1.0, percentage: p))
+
+    for p <- [50.0, -0.1, 1],
+        do:
+          assert(
+            message(Sensor.BatteryState, percentage: p) ==
+              "invalid value for :percentage option: expected nil or a float from 0.0 to 1.0, got: #{inspect(p)}"
+          )
+  end
+
+  test "an Image's sizes are not negative and its encoding is known" do
+    assert message(Sensor.Image, step: -1) =~ "expected non negative integer, got: -1"
+    assert message(Sensor.Image, encoding: :jpeg) =~ "expected one of [:rgb8, "
+  end
+
+  test "a wrong element of a JointState is reported by its place" do
+    assert message(Sensor.JointState, positions: [0.0, 1]) ==
+             "invalid value for :positions option: expected element 1 to be a float, BB.Math.Transform2D or BB.Math.Transform, got: 1"
+
+    assert message(Sensor.JointState, names: ["elbow"]) ==
+             "invalid value for :names option: expected element 0 to be an atom, got: \"elbow\""
+
+    assert message(Sensor.JointState, efforts: 1.0) ==
+             "invalid value for :efforts option: expected a list, each element a float, " <>
+               "BB.Message.Geometry.Wrench2D or BB.Message.Geometry.Wrench, got: 1.0"
+
+    assert message(Sensor.JointState, velocities: [1.0 | 2.0]) =~
+             "expected a list, each element a float"
+  end
+
+  test "a JointState takes transforms, twists and wrenches" do
+    twist = %Geometry.Twist2D{vx: 1.0, vy: 0.0, omega: 0.1}
+    wrench = %Geometry.Wrench{force: Vec3.zero(), torque: Vec3.zero()}
+
+    assert {:ok,
+            %{
+              payload: %{positions: [%Transform{}, 0.5], velocities: [^twist], efforts: [^wrench]}
+            }} =
+             Sensor.JointState.new(:frame,
+               names: [:a, :b],
+               positions: [Transform.identity(), 0.5],
+               velocities: [twist],
+               efforts: [wrench]
+             )
+
+    assert message(Sensor.JointState, positions: [twist]) =~ "expected element 0 to be a float, "
+  end
+
+  test "Geometry is made by position too" do
+    {a, b, motion} = {Vec3.new(1, 2, 3), Vec3.new(4, 5, 6), Transform.identity()}
+
+    for {made, payload} <- [
+          {Geometry.Pose.new(:f, motion), %Geometry.Pose{transform: motion}},
+          {Geometry.Point3D.new(:f, a), %Geometry.Point3D{vec: a}},
+          {Geometry.Twist.new(:f, a, b), %Geometry.Twist{linear: a, angular: b}},
+          {Geometry.Accel.new(:f, a, b), %Geometry.Accel{linear: a, angular: b}},
+          {Geometry.Wrench.new(:f, a, b), %Geometry.Wrench{force: a, torque: b}},
+          {Geometry.Twist2D.new(:f, 1.0, 2.0, 3.0),
+           %Geometry.Twist2D{vx: 1.0, vy: 2.0, omega: 3.0}},
+          {Geometry.Wrench2D.new(:f, 1.0, 2.0, 3.0),
+           %Geometry.Wrench2D{fx: 1.0, fy: 2.0, tau: 3.0}}
+        ] do
+      assert {:ok, %Message{frame_id: :f, payload: ^payload}} = made
+    end
+
+    assert {:error, %{key: :transform}} = Geometry.Pose.new(:f, transform: a)
+    assert {:error, %{key: :vx}} = Geometry.Twist2D.new(:f, 1, 2.0, 3.0)
+  end
+
+  test "a LaserScan's ranges are floats" do
+    assert message(Sensor.LaserScan, ranges: [1.0, 2]) =~
+             "invalid list in :ranges option: invalid value for list element at position 1: expected float, got: 2"
+  end
+
+  test "TagDetections are structs of their own" do
+    assert message(TagDetections, detections: [%{id: 1}]) =~
+             "expected BB.Message.Vision.TagDetection, got: %{id: 1}"
+  end
+end

@@ -1,0 +1,427 @@
+defmodule BB.PubSubTest do
+  use ExUnit.Case, async: true
+  use BB.Test.Prop
+
+  alias BB.{Message, PubSub}
+  alias BB.Message.Sensor.{PowerState, Range, Status}
+
+  doctest BB.PubSub
+
+  defmodule Recorder do
+    @moduledoc "A process that remembers what it is sent, and runs functions."
+    use GenServer
+
+    def start, do: GenServer.start(__MODULE__, [])
+    def recorded(pid), do: GenServer.call(pid, :recorded)
+    def run(pid, fun), do: GenServer.call(pid, {:run, fun})
+
+    @impl GenServer
+    def init(received), do: {:ok, received}
+
+    @impl GenServer
+    def handle_info(message, received), do: {:noreply, [message | received]}
+
+    @impl GenServer
+    def handle_call(:recorded, _from, received), do: {:reply, Enum.reverse(received), received}
+    def handle_call({:run, fun}, _from, received), do: {:reply, fun.(), received}
+  end
+
+  setup do
+    robot = Module.concat(__MODULE__, "Robot#{System.unique_integer([:positive])}")
+    start_supervised!({PubSub, robot})
+    %{robot: robot}
+  end
+
+  defp status(restarts \\ 0), do: Message.new!(Status, :frame, state: :up, restarts: restarts)
+  defp power, do: Message.new!(PowerState, :frame, voltage: 1.0, current: 0.0)
+
+  # A process that subscribes and forwards what it receives, tagged, until it is told to stop.
+  defp subscriber(robot, path, opts \\ []) do
+    test = self()
+
+    pid =
+      spawn_link(fn ->
+        {:ok, _} = PubSub.subscribe(robot, path, opts)
+        send(test, {:subscribed, self()})
+        forward(test)
+      end)
+
+    assert_receive {:subscribed, ^pid}
+    pid
+  end
+
+  defp forward(test) do
+    receive do
+      {:bb, _, _} = delivery ->
+        send(test, {self(), delivery})
+        forward(test)
+
+      :stop ->
+        :ok
+    end
+  end
+
+  # The processes to which this one sends while `fun` runs, in order.
+  defp sends(fun) do
+    {:ok, tracer} = GenServer.start_link(Recorder, [])
+    :erlang.trace(self(), true, [:send, {:tracer, tracer}])
+    fun.()
+    :erlang.trace(self(), false, [:send])
+    ref = :erlang.trace_delivered(self())
+    assert_receive {:trace_delivered, _, ^ref}
+    for {:trace, _, :send, {:bb, _, _}, to} <- Recorder.recorded(tracer), do: to
+  end
+
+  describe "subscribe" do
+    test "subscribes the caller and returns {:ok, pid}", %{robot: robot} do
+      assert {:ok, pid} = PubSub.subscribe(robot, [:sensor])
+      assert is_pid(pid)
+      assert PubSub.subscribers(robot, [:sensor]) == [{self(), []}]
+    end
+
+    test "message_types is a list of payload modules, [] is all", %{robot: robot} do
+      PubSub.subscribe(robot, [:a], message_types: [Status])
+      PubSub.subscribe(robot, [:b], message_types: [])
+
+      for path <- [[:a], [:b]],
+          message <- [status(), power()],
+          do: PubSub.publish(robot, path, message)
+
+      assert_received {:bb, [:a], %{payload: %Status{}}}
+      assert_received {:bb, [:b], %{payload: %Status{}}}
+      assert_received {:bb, [:b], %{payload: %PowerState{}}}
+      refute_received {:bb, [:a], %{payload: %PowerState{}}}
+    end
+
+    test "an unknown option raises and names the one that is accepted", %{robot: robot} do
+      assert_raise ArgumentError,
+                   "subscribe takes the option :message_types, got: [types: []]",
+                   fn ->
+                     PubSub.subscribe(robot, [:a], types: [])
+                   end
+    end
+
+    test "message types that are no modules raise", %{robot: robot} do
+      for types <- [Status, ["Status"]] do
+        assert_raise ArgumentError,
+                     ~r/message_types: of subscribe is a list of payload modules, got: /,
+                     fn ->
+                       PubSub.subscribe(robot, [:a], message_types: types)
+                     end
+      end
+    end
+  end
+
+  describe "unsubscribe" do
+    test "removes all of the caller's subscriptions at exactly that path", %{robot: robot} do
+      for path <- [[:a], [:a], [:a, :b], []], do: PubSub.subscribe(robot, path)
+      other = subscriber(robot, [:a])
+      assert PubSub.unsubscribe(robot, [:a]) == :ok
+
+      assert PubSub.subscribers(robot, [:a]) == [{other, []}]
+      assert [_] = PubSub.subscribers(robot, [:a, :b])
+      assert [_] = PubSub.subscribers(robot, [])
+    end
+
+    test "is :ok when there is none", %{robot: robot} do
+      assert PubSub.unsubscribe(robot, [:a]) == :ok
+      assert PubSub.unsubscribe(NotStarted, [:a]) == :ok
+    end
+  end
+
+  describe "publish" do
+    test "is :ok with nobody listening", %{robot: robot} do
+      assert PubSub.publish(robot, [:a, :b], status()) == :ok
+    end
+
+    test "delivers {:bb, source_path, message} with the robot in the message", %{robot: robot} do
+      PubSub.subscribe(robot, [:sensor])
+      message = status()
+      assert PubSub.publish(robot, [:sensor, :link, :imu], message) == :ok
+      expected = %{message | robot: robot}
+      assert_received {:bb, [:sensor, :link, :imu], ^expected}
+    end
+
+    test "delivers at the exact path, then each ancestor, last []", %{robot: robot} do
+      levels = [[], [:a, :b, :c], [:a], [:a, :b]]
+      at = Map.new(levels, &{subscriber(robot, &1), &1})
+
+      receivers = sends(fn -> PubSub.publish(robot, [:a, :b, :c], status()) end)
+      assert Enum.map(receivers, &at[&1]) == [[:a, :b, :c], [:a, :b], [:a], []]
+    end
+
+    test "reaches a subscriber at the root", %{robot: robot} do
+      PubSub.subscribe(robot, [])
+      PubSub.publish(robot, [:a, :b], status())
+      PubSub.publish(robot, [], status())
+      assert_received {:bb, [:a, :b], _}
+      assert_received {:bb, [], _}
+    end
+
+    test "does not reach siblings, cousins or children", %{robot: robot} do
+      for path <- [[:a, :c], [:b], [:a, :b, :c], [:b, :a]], do: PubSub.subscribe(robot, path)
+      PubSub.publish(robot, [:a, :b], status())
+      refute_received {:bb, _, _}
+    end
+
+    test "filters on the payload's struct", %{robot: robot} do
+      PubSub.subscribe(robot, [:a], message_types: [Range, PowerState])
+      PubSub.publish(robot, [:a], status())
+      PubSub.publish(robot, [:a], power())
+      assert_received {:bb, _, %{payload: %PowerState{}}}
+      refute_received {:bb, _, _}
+    end
+
+    test "except skips processes", %{robot: robot} do
+      PubSub.subscribe(robot, [:a])
+      other = subscriber(robot, [:a])
+      PubSub.publish(robot, [:a], status(), except: [self()])
+      assert_receive {^other, {:bb, [:a], _}}
+      refute_received {:bb, [:a], _}
+    end
+
+    test "an unknown option raises and names the one that is accepted", %{robot: robot} do
+      assert_raise ArgumentError, ~r/publish takes the option :except, got: \[only: \[\]\]/, fn ->
+        PubSub.publish(robot, [:a], status(), only: [])
+      end
+
+      assert_raise ArgumentError, ~r/except: of publish is a list of pids, got: #PID/, fn ->
+        PubSub.publish(robot, [:a], status(), except: self())
+      end
+    end
+
+    test "what is no message raises", %{robot: robot} do
+      assert_raise ArgumentError, "what is published is a %BB.Message{}, got: :hello", fn ->
+        PubSub.publish(robot, [:a], :hello)
+      end
+    end
+  end
+
+  describe "paths" do
+    test "a reference is allowed as an element", %{robot: robot} do
+      path = [:reply, make_ref()]
+      PubSub.subscribe(robot, path)
+      PubSub.publish(robot, path, status())
+      assert_received {:bb, ^path, _}
+    end
+
+    test "anything else raises", %{robot: robot} do
+      for path <- [["sensor"], :sensor, [:a | :b]] do
+        assert_raise ArgumentError, ~r/a path is a list of atoms/, fn ->
+          PubSub.publish(robot, path, status())
+        end
+
+        assert_raise ArgumentError, ~r/a path is a list of atoms/, fn ->
+          PubSub.subscribe(robot, path)
+        end
+
+        assert_raise ArgumentError, ~r/a path is a list of atoms/, fn ->
+          PubSub.unsubscribe(robot, path)
+        end
+
+        assert_raise ArgumentError, ~r/a path is a list of atoms/, fn ->
+          PubSub.subscribers(robot, path)
+        end
+      end
+    end
+
+    test "ancestor_paths are longest first and end in []" do
+      assert PubSub.ancestor_paths([:a, :b]) == [[:a, :b], [:a], []]
+      assert PubSub.ancestor_paths([]) == [[]]
+    end
+  end
+
+  describe "order" do
+    test "holds per publisher and subscriber, at whatever paths", %{robot: robot} do
+      PubSub.subscribe(robot, [:a])
+
+      publishers =
+        for publisher <- 1..4 do
+          Task.async(fn ->
+            for n <- 1..200,
+                do:
+                  PubSub.publish(
+                    robot,
+                    Enum.at([[:a], [:a, :b]], rem(n, 2)),
+                    status(publisher * 1000 + n)
+                  )
+          end)
+        end
+
+      Task.await_many(publishers)
+
+      received =
+        for _ <- 1..800, do: assert_received({:bb, _, message}) && message.payload.restarts
+
+      for {_publisher, numbers} <- Enum.group_by(received, &div(&1, 1000)) do
+        assert length(numbers) == 200
+        assert numbers == Enum.sort(numbers)
+      end
+    end
+
+    test "a process subscribed twice, or at two levels, receives twice", %{robot: robot} do
+      for path <- [[:a], [:a], []], do: PubSub.subscribe(robot, path)
+      PubSub.publish(robot, [:a], status())
+      for _ <- 1..3, do: assert_received({:bb, [:a], _})
+      refute_received {:bb, _, _}
+    end
+  end
+
+  describe "a robot that is not started" do
+    test "publish, subscribe and subscribers raise ArgumentError" do
+      for call <- [
+            fn -> PubSub.publish(NotStarted, [:a], status()) end,
+            fn -> PubSub.subscribe(NotStarted, [:a]) end,
+            fn -> PubSub.subscribers(NotStarted, [:a]) end
+          ] do
+        assert_raise ArgumentError,
+                     ~r/the robot NotStarted is not started: start it .* NotStarted.start_link\(\) first/,
+                     call
+      end
+    end
+  end
+
+  describe "subscribers" do
+    test "are [{pid, message_types}] at that exact path", %{robot: robot} do
+      other = subscriber(robot, [:a], message_types: [Status])
+      subscriber(robot, [:a, :b])
+      PubSub.subscribe(robot, [:a])
+
+      assert Enum.sort(PubSub.subscribers(robot, [:a])) ==
+               Enum.sort([{other, [Status]}, {self(), []}])
+
+      assert PubSub.subscribers(robot, []) == []
+    end
+
+    test "that are dead vanish", %{robot: robot} do
+      pid = subscriber(robot, [:a])
+      monitor = Process.monitor(pid)
+      send(pid, :stop)
+      assert_receive {:DOWN, ^monitor, _, _, _}
+      assert PubSub.subscribers(robot, [:a]) == []
+      assert PubSub.publish(robot, [:a], status()) == :ok
+    end
+  end
+
+  test "there is no bus process: publishing runs in the publisher", %{robot: robot} do
+    PubSub.subscribe(robot, [:a])
+    {:ok, bus} = PubSub.subscribe(robot, [:b])
+    :sys.suspend(bus)
+    PubSub.publish(robot, [:a], status())
+    assert_received {:bb, [:a], _}
+    :sys.resume(bus)
+  end
+
+  test "two robots do not hear each other", %{robot: robot} do
+    other = Module.concat(robot, Other)
+    start_supervised!({PubSub, other})
+    PubSub.subscribe(robot, [:a])
+    PubSub.publish(other, [:a], status())
+    refute_received {:bb, _, _}
+  end
+
+  describe "against a naive model" do
+    @paths [[], [:a], [:b], [:a, :a], [:a, :b], [:a, :b, :c]]
+    @types [[], [Status], [PowerState], [Status, PowerState]]
+
+    defp step do
+      who = integer(0, 3)
+      path = oneof(@paths)
+
+      frequency([
+        {4, {:subscribe, who, path, oneof(@types)}},
+        {2, {:unsubscribe, who, path}},
+        {6, {:publish, path, oneof([Status, PowerState]), list(who)}},
+        {1, {:exit, who}}
+      ])
+    end
+
+    # The model: a list of {who, path, types}, and what each has received, newest first.
+    defp expect({:subscribe, who, path, types}, {subs, got}),
+      do: {[{who, path, types} | subs], got}
+
+    defp expect({:unsubscribe, who, path}, {subs, got}),
+      do: {Enum.reject(subs, &match?({^who, ^path, _}, &1)), got}
+
+    defp expect({:exit, who}, {subs, got}),
+      do: {Enum.reject(subs, &match?({^who, _, _}, &1)), Map.delete(got, who)}
+
+    defp expect({:publish, path, type, except}, {subs, got}) do
+      receivers =
+        for {who, at, types} <- subs,
+            List.starts_with?(path, at),
+            types == [] or type in types,
+            who not in except,
+            do: who
+
+      {subs,
+       Enum.reduce(
+         receivers,
+         got,
+         &Map.update(&2, &1, [{path, type}], fn old -> [{path, type} | old] end)
+       )}
+    end
+
+    defp act({:subscribe, who, path, types}, robot, actors) do
+      Recorder.run(actors[who], fn -> PubSub.subscribe(robot, path, message_types: types) end)
+      actors
+    end
+
+    defp act({:unsubscribe, who, path}, robot, actors) do
+      Recorder.run(actors[who], fn -> PubSub.unsubscribe(robot, path) end)
+      actors
+    end
+
+    defp act({:exit, who}, _robot, actors) do
+      stop(actors[who])
+      Map.put(actors, who, actor())
+    end
+
+    defp act({:publish, path, type, except}, robot, actors) do
+      message = if type == Status, do: status(), else: power()
+      :ok = PubSub.publish(robot, path, message, except: Enum.map(except, &actors[&1]))
+      actors
+    end
+
+    defp actor do
+      {:ok, pid} = Recorder.start()
+      pid
+    end
+
+    defp stop(actor) do
+      monitor = Process.monitor(actor)
+      Process.exit(actor, :kill)
+      assert_receive {:DOWN, ^monitor, _, _, _}
+    end
+
+    defp received(actor),
+      do:
+        for(
+          {:bb, path, message} <- Recorder.recorded(actor),
+          do: {path, message.payload.__struct__}
+        )
+
+    property "subscriptions, deliveries and their order are those of the model", numtests: 300 do
+      forall steps <- list(step()) do
+        robot = Module.concat(__MODULE__, "Modelled#{System.unique_integer([:positive])}")
+        {:ok, _bus} = PubSub.start_link(robot)
+        actors = Map.new(0..3, &{&1, actor()})
+
+        actors = Enum.reduce(steps, actors, &act(&1, robot, &2))
+        {subs, got} = Enum.reduce(steps, {[], %{}}, &expect/2)
+
+        for {who, actor} <- actors,
+            do: assert(received(actor) == Enum.reverse(Map.get(got, who, [])))
+
+        for path <- @paths do
+          expected = for {who, ^path, types} <- subs, do: {actors[who], types}
+          assert Enum.sort(PubSub.subscribers(robot, path)) == Enum.sort(expected)
+        end
+
+        Enum.each(actors, fn {_, actor} -> stop(actor) end)
+        Supervisor.stop(PubSub.registry_name(robot))
+        true
+      end
+    end
+  end
+end

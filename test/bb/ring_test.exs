@@ -1,0 +1,434 @@
+defmodule BB.RingTest do
+  use ExUnit.Case, async: true
+
+  alias BB.Ring
+  alias BB.Ring.{Message, Publisher, Subscriber}
+
+  setup context do
+    topic = "test.#{System.pid()}.#{System.unique_integer([:positive])}"
+    on_exit(fn -> File.rm("/dev/shm/conduit_#{topic}") end)
+    Map.put(context, :topic, topic)
+  end
+
+  defp open!(topic, opts \\ []) do
+    {:ok, publisher} = Publisher.open(topic, opts)
+    publisher
+  end
+
+  defp subscribe!(topic, opts \\ []) do
+    {:ok, subscriber} = Subscriber.open(topic, opts)
+    subscriber
+  end
+
+  # A publisher that was opened before has the subscriber attached once its reader slot shows.
+  defp await_readers(topic, count) do
+    {:ok, info} = Ring.info(topic)
+
+    unless length(info.readers) == count do
+      Process.sleep(1)
+      await_readers(topic, count)
+    end
+  end
+
+  defp attached!(topic, opts \\ []) do
+    subscriber = subscribe!(topic, opts)
+    await_readers(topic, 1)
+    subscriber
+  end
+
+  describe "publishing" do
+    test "a subscriber gets what is published, in order and numbered", %{topic: topic} do
+      publisher = open!(topic)
+      %{ref: ref} = attached!(topic, active: true)
+      for n <- 0..9, do: :ok = Publisher.publish(publisher, "message #{n}")
+
+      for n <- 0..9 do
+        text = "message #{n}"
+
+        assert_receive {:bb_ring, ^ref,
+                        %Message{sequence: ^n, data: ^text, lost: 0, timestamp_ns: time}}
+
+        assert time <= Ring.now_ns()
+      end
+    end
+
+    test "iodata of every shape arrives as its bytes", %{topic: topic} do
+      publisher = open!(topic)
+      %{ref: ref} = attached!(topic, active: true)
+      iodata = [?a, "b", [[], [<<99>>, ~c"de"]] | "f"]
+      :ok = Publisher.publish(publisher, iodata)
+      assert_receive {:bb_ring, ^ref, %Message{data: "abcdef"}}, 2000
+    end
+
+    test "an empty message is a message", %{topic: topic} do
+      publisher = open!(topic)
+      %{ref: ref} = attached!(topic, active: true)
+      :ok = Publisher.publish(publisher, "")
+      assert_receive {:bb_ring, ^ref, %Message{data: "", sequence: 0}}, 2000
+    end
+
+    test "a message of two megabytes arrives whole", %{topic: topic} do
+      publisher = open!(topic, slot_count: 4, slot_size: 2_100_000)
+      subscriber = attached!(topic)
+      frame = :crypto.strong_rand_bytes(2_000_000)
+
+      :ok =
+        Publisher.publish(publisher, [
+          binary_part(frame, 0, 1000),
+          binary_part(frame, 1000, 1_999_000)
+        ])
+
+      assert {:ok, %Message{data: ^frame}} = Subscriber.recv(subscriber, 5000)
+    end
+
+    test "a message that does not fit is refused, and nothing of it is seen", %{topic: topic} do
+      publisher = open!(topic, depth: 2, max_message_size: 100)
+      {:ok, %{max_message_size: size}} = Publisher.info(publisher)
+      %{ref: ref} = attached!(topic, active: true)
+
+      assert {:error, :message_too_large} =
+               Publisher.publish(publisher, String.duplicate("x", size + 1))
+
+      assert :ok = Publisher.publish(publisher, String.duplicate("y", size))
+      assert_receive {:bb_ring, ^ref, %Message{sequence: 0, data: "y" <> _}}, 2000
+      assert {:ok, %{published: 1, rejected_oversize: 1}} = Publisher.info(publisher)
+    end
+
+    test "several processes publish on one ring, and no message is lost or mixed", %{topic: topic} do
+      publisher = open!(topic, slot_count: 4096, slot_size: 64)
+      %{ref: ref} = attached!(topic, active: true)
+
+      1..4
+      |> Enum.map(fn who ->
+        Task.async(fn ->
+          for n <- 1..250, do: :ok = Publisher.publish(publisher, "#{who}:#{n}")
+        end)
+      end)
+      |> Task.await_many()
+
+      received =
+        for sequence <- 0..999 do
+          assert_receive {:bb_ring, ^ref, %Message{sequence: ^sequence, data: data, lost: 0}},
+                         2000
+
+          data
+        end
+
+      for who <- 1..4 do
+        assert Enum.filter(received, &String.starts_with?(&1, "#{who}:")) ==
+                 for(n <- 1..250, do: "#{who}:#{n}")
+      end
+    end
+
+    test "after close nothing is published and the topic is gone", %{topic: topic} do
+      publisher = open!(topic)
+      :ok = Publisher.close(publisher)
+      assert {:error, :closed} = Publisher.publish(publisher, "late")
+      assert {:error, :closed} = Publisher.info(publisher)
+      assert :ok = Publisher.close(publisher)
+      assert {:error, {:no_topic, _path}} = Ring.info(topic)
+    end
+  end
+
+  describe "a topic's one publisher" do
+    test "a second one is refused with the first one's process number", %{topic: topic} do
+      _publisher = open!(topic)
+      os_pid = String.to_integer(System.pid())
+      assert {:error, {:publisher_alive, ^os_pid} = reason} = Publisher.open(topic)
+      assert Ring.format_error(reason) =~ "process #{os_pid}"
+    end
+
+    test "when its owner dies the topic is left, and the next one goes on in place", %{
+      topic: topic
+    } do
+      test = self()
+
+      {owner, monitor} =
+        spawn_monitor(fn ->
+          publisher = open!(topic)
+          for n <- 0..4, do: :ok = Publisher.publish(publisher, "old #{n}")
+          send(test, {:publisher, publisher})
+          Process.sleep(:infinity)
+        end)
+
+      assert_receive {:publisher, old}
+      %{ref: ref} = attached!(topic, active: true, start: {:history, 5})
+      for n <- 0..4, do: assert_receive({:bb_ring, ^ref, %Message{sequence: ^n}}, 2000)
+
+      Process.exit(owner, :kill)
+      assert_receive {:DOWN, ^monitor, _, _, :killed}
+      new = reopen(topic)
+      assert {:error, :closed} = Publisher.publish(old, "from the grave")
+      :ok = Publisher.publish(new, "new")
+      assert_receive {:bb_ring, ^ref, %Message{sequence: 5, data: "new", lost: 0}}, 2000
+      assert {:ok, %{epoch: 1, published: 6}} = Ring.info(topic)
+    end
+
+    test "slots of another size retire the old file, and subscribers follow", %{topic: topic} do
+      test = self()
+
+      {owner, monitor} =
+        spawn_monitor(fn ->
+          publisher = open!(topic, slot_count: 4, slot_size: 128)
+          send(test, :open)
+          :ok = Publisher.publish(publisher, "old")
+          Process.sleep(:infinity)
+        end)
+
+      assert_receive :open
+      %{ref: ref} = attached!(topic, active: true, start: {:history, 4})
+      assert_receive {:bb_ring, ^ref, %Message{data: "old"}}, 2000
+      Process.exit(owner, :kill)
+      assert_receive {:DOWN, ^monitor, _, _, :killed}
+
+      new = reopen(topic, slot_count: 8, slot_size: 256)
+      await_readers(topic, 1)
+      :ok = Publisher.publish(new, "new")
+      assert_receive {:bb_ring, ^ref, %Message{data: "new"}}, 5000
+    end
+
+    # The monitor of the resource fires at about the same time as this process's own.
+    defp reopen(topic, opts \\ []) do
+      case Publisher.open(topic, opts) do
+        {:ok, publisher} -> publisher
+        {:error, {:publisher_alive, _}} -> reopen(topic, opts)
+      end
+    end
+  end
+
+  describe "a subscriber" do
+    test "may come before its topic", %{topic: topic} do
+      %{ref: ref} = subscribe!(topic, active: true)
+      publisher = open!(topic)
+      await_readers(topic, 1)
+      :ok = Publisher.publish(publisher, "first")
+      assert_receive {:bb_ring, ^ref, %Message{data: "first"}}, 2000
+    end
+
+    test "is told when the publisher closes and when another one comes", %{topic: topic} do
+      publisher = open!(topic)
+      %{ref: ref} = attached!(topic, active: true)
+      :ok = Publisher.close(publisher)
+      assert_receive {:bb_ring, ^ref, :publisher_down}, 5000
+      publisher = open!(topic)
+      assert_receive {:bb_ring, ^ref, :publisher_up}, 5000
+      await_readers(topic, 1)
+      :ok = Publisher.publish(publisher, "again")
+      assert_receive {:bb_ring, ^ref, %Message{data: "again"}}, 2000
+    end
+
+    test "can start with what the ring still has", %{topic: topic} do
+      publisher = open!(topic)
+      for n <- 0..9, do: :ok = Publisher.publish(publisher, "#{n}")
+
+      assert {:ok, %Message{data: "9"}} =
+               topic |> subscribe!(start: :latest) |> Subscriber.recv(2000)
+
+      assert {:ok, %Message{data: "7"}} =
+               topic |> subscribe!(start: {:history, 3}) |> Subscriber.recv(2000)
+    end
+
+    test "that falls behind learns how many messages it lost", %{topic: topic} do
+      publisher = open!(topic, slot_count: 4, slot_size: 64)
+      subscriber = attached!(topic)
+      for n <- 0..9, do: :ok = Publisher.publish(publisher, "#{n}")
+
+      assert {:ok, %Message{sequence: sequence, lost: lost, data: data}} =
+               Subscriber.recv(subscriber, 2000)
+
+      assert {sequence, lost, data} == {6, 6, "6"}
+    end
+
+    test "that is closed leaves its place and gets nothing more", %{topic: topic} do
+      publisher = open!(topic)
+      %{ref: ref} = subscriber = attached!(topic, active: true)
+      :ok = Publisher.publish(publisher, "unread")
+      :ok = Subscriber.close(subscriber)
+      :ok = Publisher.publish(publisher, "late")
+      assert {:ok, %{readers: []}} = Ring.info(topic)
+      refute_received {:bb_ring, ^ref, _}
+      assert {:error, :closed} = Subscriber.recv(subscriber, 0)
+      assert {:error, :closed} = Subscriber.latest(subscriber)
+      assert {:error, :closed} = Subscriber.active(subscriber, 1)
+      assert :ok = Subscriber.close(subscriber)
+    end
+
+    test "is released when its owner dies", %{topic: topic} do
+      _publisher = open!(topic)
+      test = self()
+      owner = spawn(fn -> send(test, {:open, attached!(topic)}) && Process.sleep(:infinity) end)
+      assert_receive {:open, _}, 2000
+      Process.exit(owner, :kill)
+      await_readers(topic, 0)
+    end
+
+    test "lives as long as its owner, whoever refers to it", %{topic: topic} do
+      publisher = open!(topic)
+      %{ref: ref} = attached!(topic, active: true)
+      :erlang.garbage_collect()
+      :ok = Publisher.publish(publisher, "still here")
+      assert_receive {:bb_ring, ^ref, %Message{data: "still here"}}, 2000
+    end
+
+    test "a topic has sixteen places, and a seventeenth subscriber is told so", %{topic: topic} do
+      _publisher = open!(topic)
+      for _ <- 1..16, do: subscribe!(topic)
+      await_readers(topic, 16)
+      assert {:error, {:no_reader_slot, _path} = reason} = Subscriber.open(topic)
+      assert Ring.format_error(reason) =~ "16 subscribers"
+    end
+  end
+
+  describe "active" do
+    setup %{topic: topic} do
+      {:ok, publisher: open!(topic, slot_count: 64, slot_size: 64)}
+    end
+
+    test "a number is that many messages, then the word that the credits are used up", %{
+      topic: topic,
+      publisher: publisher
+    } do
+      %{ref: ref} = subscriber = attached!(topic, active: 2)
+      for n <- 0..4, do: :ok = Publisher.publish(publisher, "#{n}")
+      assert_receive {:bb_ring, ^ref, %Message{data: "0"}}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{data: "1"}}, 2000
+      assert_receive {:bb_ring_passive, ^ref}, 2000
+      assert {:ok, %Message{data: "2", lost: 0}} = Subscriber.recv(subscriber, 1000)
+      refute_received {:bb_ring, ^ref, _}
+    end
+
+    test "numbers add up, and one that takes all back makes passive at once", %{
+      topic: topic,
+      publisher: publisher
+    } do
+      %{ref: ref} = subscriber = attached!(topic, active: 1)
+      :ok = Subscriber.active(subscriber, 2)
+      for n <- 0..2, do: :ok = Publisher.publish(publisher, "#{n}")
+      for n <- 0..2, do: assert_receive({:bb_ring, ^ref, %Message{sequence: ^n}}, 2000)
+      assert_receive {:bb_ring_passive, ^ref}, 2000
+      :ok = Subscriber.active(subscriber, 3)
+      :ok = Subscriber.active(subscriber, -3)
+      assert_receive {:bb_ring_passive, ^ref}, 2000
+    end
+
+    test ":once is one message", %{topic: topic, publisher: publisher} do
+      %{ref: ref} = subscriber = attached!(topic, active: :once)
+      for n <- 0..1, do: :ok = Publisher.publish(publisher, "#{n}")
+      assert_receive {:bb_ring, ^ref, %Message{data: "0"}}, 2000
+      :ok = Subscriber.active(subscriber, :once)
+      assert_receive {:bb_ring, ^ref, %Message{data: "1"}}, 2000
+      refute_received {:bb_ring_passive, ^ref}
+    end
+
+    test "without credits the ring goes on and the loss is counted", %{
+      topic: topic,
+      publisher: publisher
+    } do
+      %{ref: ref} = subscriber = attached!(topic, active: 1)
+      :ok = Publisher.publish(publisher, "0")
+      assert_receive {:bb_ring, ^ref, %Message{data: "0"}}, 2000
+      assert_receive {:bb_ring_passive, ^ref}, 2000
+      for n <- 1..99, do: :ok = Publisher.publish(publisher, "#{n}")
+      :ok = Subscriber.active(subscriber, true)
+      assert_receive {:bb_ring, ^ref, %Message{sequence: 36, lost: 35}}, 2000
+      for n <- 37..99, do: assert_receive({:bb_ring, ^ref, %Message{sequence: ^n, lost: 0}}, 2000)
+    end
+
+    test "recv is for passive subscribers only", %{topic: topic} do
+      subscriber = attached!(topic, active: true)
+      assert {:error, :active} = Subscriber.recv(subscriber, 0)
+    end
+
+    test "recv waits for its time only, and the message that comes later is not lost", %{
+      topic: topic,
+      publisher: publisher
+    } do
+      subscriber = attached!(topic)
+      assert {:error, :timeout} = Subscriber.recv(subscriber, 0)
+      assert {:error, :timeout} = Subscriber.recv(subscriber, 20)
+      :ok = Publisher.publish(publisher, "late")
+      assert {:ok, %Message{data: "late", lost: 0}} = Subscriber.recv(subscriber, 1000)
+    end
+
+    test "recv from several processes gives each message once", %{
+      topic: topic,
+      publisher: publisher
+    } do
+      subscriber = attached!(topic)
+      tasks = for _ <- 1..8, do: Task.async(fn -> Subscriber.recv(subscriber, 5000) end)
+      for n <- 0..7, do: :ok = Publisher.publish(publisher, "#{n}")
+      sequences = for {:ok, message} <- Task.await_many(tasks), do: message.sequence
+      assert Enum.sort(sequences) == Enum.to_list(0..7)
+    end
+
+    test "latest skips to the newest and counts what it skipped", %{
+      topic: topic,
+      publisher: publisher
+    } do
+      subscriber = attached!(topic)
+      assert {:error, :empty} = Subscriber.latest(subscriber)
+      for n <- 0..9, do: :ok = Publisher.publish(publisher, "#{n}")
+      assert {:ok, %Message{sequence: 9, lost: 9}} = Subscriber.latest(subscriber)
+      assert {:error, :empty} = Subscriber.latest(subscriber)
+    end
+  end
+
+  describe "bad input" do
+    test "a topic name that is not allowed raises and says what is" do
+      for name <- ["", "a/b", "ä", String.duplicate("x", 201), :atom] do
+        assert_raise ArgumentError, ~r/a topic's name is 1 to 200 characters/, fn ->
+          Publisher.open(name)
+        end
+
+        assert_raise ArgumentError, ~r/a topic's name is 1 to 200 characters/, fn ->
+          Subscriber.open(name)
+        end
+
+        assert_raise ArgumentError, ~r/a topic's name is 1 to 200 characters/, fn ->
+          Ring.info(name)
+        end
+      end
+    end
+
+    test "slots that are not allowed raise and say what was given", %{topic: topic} do
+      assert_raise BB.Options.ValidationError, ~r/:slot_count.*power of two.*got: 3/, fn ->
+        Publisher.open(topic, slot_count: 3)
+      end
+
+      assert_raise BB.Options.ValidationError, ~r/:slot_size.*got: 20/, fn ->
+        Publisher.open(topic, slot_size: 20)
+      end
+
+      assert_raise BB.Options.ValidationError, ~r/unknown options \[:size\]/, fn ->
+        Publisher.open(topic, size: 20)
+      end
+
+      assert_raise ArgumentError, ~r/depth and max_message_size, got/, fn ->
+        Publisher.open(topic, depth: 4)
+      end
+
+      assert_raise BB.Options.ValidationError, ~r/:active/, fn ->
+        Subscriber.open(topic, active: :twice)
+      end
+
+      assert_raise BB.Options.ValidationError, ~r/:start/, fn ->
+        Subscriber.open(topic, start: :end)
+      end
+    end
+
+    test "what is no iodata raises, and the ring is unharmed", %{topic: topic} do
+      publisher = open!(topic)
+      %{ref: ref} = attached!(topic, active: true)
+      assert_raise ArgumentError, fn -> Publisher.publish(publisher, [:atom]) end
+      :ok = Publisher.publish(publisher, "fine")
+      assert_receive {:bb_ring, ^ref, %Message{sequence: 0, data: "fine"}}, 2000
+    end
+
+    test "a file that is no ring is refused by name", %{topic: topic} do
+      path = "/dev/shm/conduit_#{topic}"
+      File.write!(path, String.duplicate("nonsense", 1000))
+      assert {:error, {:not_a_ring, ^path, text}} = Ring.info(topic)
+      assert is_binary(text)
+    end
+  end
+end

@@ -1,0 +1,112 @@
+defmodule BB.Sensor.Mpu6050.ChipTest do
+  use ExUnit.Case, async: true
+
+  alias BB.Bus.Sim
+  alias BB.Bus.Sim.I2C
+  alias BB.Sensor.Mpu6050.Chip
+
+  @address 0x68
+  @settings %{divider: 4, filter: 94, gyro_range: 1000, accel_range: 8}
+  @at_rest %{
+    acceleration: {0.0, 0.0, 9.80665},
+    angular_velocity: {0.0, 0.0, 0.0},
+    temperature: 25.0
+  }
+
+  # A reset takes no time here, so nothing is waited for.
+  setup context do
+    name = "i2c-#{:erlang.phash2({__MODULE__, context.test})}"
+    opts = [reset_ms: 0, source: {:stepped, [@at_rest]}]
+    device = {Sim.Mpu6050, Keyword.merge(opts, Map.get(context, :device, []))}
+    start_supervised!({Sim, buses: %{name => [devices: %{@address => device}]}})
+    {:ok, chip} = Chip.open(I2C, name, @address, 10, @settings)
+    %{name: name, chip: chip}
+  end
+
+  defp register(name, address, count) do
+    {:ok, bus} = I2C.open(name)
+    {:ok, bytes} = I2C.write_read(bus, @address, <<address>>, count)
+    bytes
+  end
+
+  test "it is identified", %{chip: chip} do
+    assert Chip.identify(chip) == :ok
+  end
+
+  @tag device: [who_am_i: 0x70]
+  test "another chip is not taken for it", %{chip: chip, name: name} do
+    assert Chip.identify(chip) == {:error, {:wrong_chip, name, 0x68, 0x70, 0x68}}
+  end
+
+  test "reset and configured, it has exactly the settings, all else as after power-on", %{
+    chip: chip,
+    name: name
+  } do
+    {:ok, bus} = I2C.open(name)
+    :ok = I2C.write(bus, @address, <<0x37, 0x10, 0xFF>>)
+
+    assert Chip.reset(chip) == :ok
+    assert Chip.configure(chip) == :ok
+
+    bytes = register(name, 0, 128)
+
+    written =
+      for {byte, at} <- Enum.with_index(:binary.bin_to_list(bytes)),
+          byte != 0,
+          at not in 0x3A..0x48,
+          do: {at, byte}
+
+    assert written == [
+             {0x19, 4},
+             {0x1A, 2},
+             {0x1B, 0x10},
+             {0x1C, 0x10},
+             {0x6B, 0x01},
+             {0x75, 0x68}
+           ]
+  end
+
+  @tag device: [reset_ms: 60_000]
+  test "that does not take its settings is noticed", %{chip: chip, name: name} do
+    :ok = Chip.reset(chip)
+    assert Chip.configure(chip) == {:error, {:not_configured, name, @address}}
+  end
+
+  test "a sample is in SI units", %{chip: chip} do
+    :ok = Chip.configure(chip)
+    assert {:ok, %{acceleration: {+0.0, +0.0, z}}} = Chip.sample(chip)
+    assert_in_delta z, 9.80665, 9.80665 / 4096
+  end
+
+  test "that lost its power for a moment gives no sample", %{chip: chip, name: name} do
+    :ok = Chip.configure(chip)
+    assert Chip.check_awake(chip) == :ok
+    :ok = Sim.unplug(name, @address)
+    :ok = Sim.replug(name, @address)
+    assert Chip.sample(chip) == {:error, {:restarted, name, @address}}
+    assert Chip.check_awake(chip) == {:error, {:restarted, name, @address}}
+  end
+
+  test "each function tells what the bus said", %{chip: chip, name: name} do
+    for {fault, reason} <- [
+          nak: {:no_answer, name, @address},
+          enxio: {:no_answer, name, @address},
+          timeout: {:timeout, name, @address},
+          retry: {:bus, name, @address, :retry}
+        ],
+        function <- [:identify, :reset, :configure, :sample, :check_awake] do
+      :ok = Sim.fault(name, @address, fault)
+      assert apply(Chip, function, [chip]) == {:error, reason}
+    end
+  end
+
+  test "a closed bus is an error of the bus", %{chip: chip, name: name} do
+    :ok = Chip.close(chip)
+    assert Chip.sample(chip) == {:error, {:bus, name, @address, {:errno, 9}}}
+  end
+
+  test "a missing bus is told" do
+    assert Chip.open(I2C, "i2c-none", @address, 10, @settings) ==
+             {:error, {:bus_not_found, "i2c-none"}}
+  end
+end

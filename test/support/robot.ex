@@ -1,0 +1,58 @@
+defmodule BB.Test.Robot do
+  @moduledoc """
+  Robots for tests. A robot is a module, so each is made when its test runs, with a name of its own:
+
+      robot = robot do
+        topology do
+          link :base_link do
+            sensor :imu, BB.Test.Probe
+          end
+        end
+      end
+
+      start_supervised!(robot)
+
+  The declaration is code of the robot's module: it sees no variables of the test, except by `unquote` when it is given to
+  `create/1` in a `quote`.
+  """
+
+  @doc "Makes a robot module and returns it."
+  defmacro robot(do: block) do
+    quote do: BB.Test.Robot.create(unquote(Macro.escape(block)))
+  end
+
+  @doc "Makes a robot module of a quoted declaration and returns it."
+  def create(block) do
+    robot = Module.concat(BB.Test.Robot, "R#{System.unique_integer([:positive])}")
+    code = quote(do: [use(BB), unquote(block)])
+    {:module, ^robot, _, _} = Module.create(robot, code, Macro.Env.location(__ENV__))
+    robot
+  end
+
+  @doc "The pids of all supervisors and keepers of a robot, by their ids from the root on."
+  def supervisors(robot), do: supervisors(Process.whereis(robot), [robot])
+
+  defp supervisors(pid, id) do
+    pid
+    |> Supervisor.which_children()
+    |> Enum.flat_map(fn {child, pid, _type, _modules} ->
+      if part?(child), do: supervisors(pid, [child | id]), else: []
+    end)
+    |> then(&[{Enum.reverse(id), pid} | &1])
+  end
+
+  defp part?(:topology), do: true
+  defp part?({kind, _name}), do: kind in [:link, :joint, :sensor]
+  defp part?(_id), do: false
+
+  @doc "The pid of a component's keeper."
+  def keeper(robot, name) do
+    {_id, pid} =
+      robot |> supervisors() |> Enum.find(fn {id, _pid} -> List.last(id) == {:sensor, name} end)
+
+    pid
+  end
+
+  @doc "How the sensor of that name fares."
+  def health(robot, name), do: robot |> BB.Sensor.health() |> Enum.find(&(&1.name == name))
+end
