@@ -394,3 +394,36 @@ fn a_reader_killed_in_the_midst_of_claiming_or_giving_up_leaks_no_slot() {
     drop(readers);
     assert_eq!(publisher.info().readers, []);
 }
+
+#[test]
+fn an_abandoned_topic_stays_for_the_next_publisher() {
+    let topic = Scratch::new();
+    let mut first = publisher(&topic);
+    let mut subscriber = subscriber(&topic);
+    first.publish(b"x").unwrap();
+    let instance = first.info().instance_id;
+    first.abandon();
+    assert_eq!(Info::read(&topic).unwrap().state, State::Dead);
+    let mut second = publisher(&topic);
+    assert_eq!(
+        (second.publish(b"y"), second.info().instance_id),
+        (Ok(1), instance)
+    );
+    let mut buffer = Vec::new();
+    assert_eq!(next_message(&mut subscriber, &mut buffer), (0, 0));
+    assert_eq!(next_message(&mut subscriber, &mut buffer), (1, 0));
+}
+
+#[test]
+fn a_policy_can_be_changed() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut subscriber = subscriber(&topic);
+    for _ in 0..4 {
+        publisher.publish(b"x").unwrap();
+    }
+    let mut buffer = Vec::new();
+    assert_eq!(next_message(&mut subscriber, &mut buffer), (0, 0));
+    subscriber.set_policy(Policy::Latest);
+    assert_eq!(next_message(&mut subscriber, &mut buffer), (3, 2));
+}
