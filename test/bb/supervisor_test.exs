@@ -8,6 +8,8 @@ defmodule BB.SupervisorTest do
   alias BB.Options.ValidationError
   alias BB.Test.{Counter, Probe}
 
+  doctest BB.Supervisor
+
   describe "the tree" do
     test "holds the robot's sensors, its link, that link's sensors and joints, and so on" do
       robot =
@@ -85,6 +87,21 @@ defmodule BB.SupervisorTest do
 
       assert Process.whereis(robot) == nil
       assert Process.whereis(BB.Process.registry_name(robot)) == nil
+    end
+
+    test "under a supervisor are a sentence too" do
+      robot =
+        robot do
+          sensors do
+            sensor :imu, {BB.Test.Probe, rate: 0}
+          end
+        end
+
+      Process.flag(:trap_exit, true)
+      {:error, reason} = Supervisor.start_link([robot], strategy: :one_for_one)
+
+      assert BB.Supervisor.format_error(reason) ==
+               "invalid value for :rate option: expected positive integer, got: 0 (in options [:imu])"
     end
 
     test "of the robot itself fail its start too" do
