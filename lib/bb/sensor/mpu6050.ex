@@ -239,7 +239,7 @@ defmodule BB.Sensor.Mpu6050 do
   end
 
   defp stop(sensor) do
-    Loop.cancel(sensor.loop)
+    _ = Loop.cancel(sensor.loop)
     Chip.close(sensor.chip)
   end
 
