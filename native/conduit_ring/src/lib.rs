@@ -18,6 +18,9 @@ mod sync;
 mod wait;
 mod writer;
 
+#[cfg(all(test, loom))]
+mod loom_tests;
+
 mod content;
 mod crc32;
 mod error;

@@ -8,7 +8,7 @@ use crate::copy;
 use crate::geometry::Geometry;
 use crate::layout::{At32, At64, FUTEX_WORD, SLOT_HEADER_LEN};
 use crate::segment::{self, Mapping};
-use crate::sync::{AtomicU32, AtomicU64, Ordering};
+use crate::sync::{AtomicU32, AtomicU64};
 
 /// A mapping that is long enough for its geometry. Every offset that this type hands out lies inside.
 pub(crate) struct Memory {
@@ -118,13 +118,4 @@ impl Slot<'_> {
     fn room(&self) -> usize {
         self.memory.geometry.max_message_size()
     }
-}
-
-/// Adds to a word that only one process writes: cheaper than an atomic addition.
-#[inline]
-pub(crate) fn bump(counter: &AtomicU64, by: u64) {
-    counter.store(
-        counter.load(Ordering::Relaxed).wrapping_add(by),
-        Ordering::Relaxed,
-    );
 }

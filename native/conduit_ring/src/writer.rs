@@ -13,8 +13,8 @@ use crate::layout::{
     SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO, SUBSCRIBER_MASK, WAITING_MASK, WAKE_COUNT, WRITE_IDX,
     WRITE_INTENT,
 };
-use crate::memory::{Memory, bump};
-use crate::sync::{Ordering, fence};
+use crate::memory::Memory;
+use crate::sync::{Ordering, bump, fence};
 
 /// The one writer of a segment. Its `next` is private and authoritative; `write_idx` only tells it to others.
 pub(crate) struct Writer {

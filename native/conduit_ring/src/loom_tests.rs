@@ -1,0 +1,366 @@
+//! The protocol under loom: every interleaving of its memory accesses, up to a bound of preemptions, and every value
+//! that a relaxed load may return. Run with
+//!
+//! ```text
+//! RUSTFLAGS="--cfg loom" cargo test -p conduit_ring --release --lib loom
+//! ```
+//!
+//! What each order is for can be seen by taking it away. Each of these makes the tests named beside it fail:
+//!
+//! | Weakened | Fails |
+//! |---|---|
+//! | the acquire fence in `Reader::is_whole` | `a_torn_message_is_never_accepted`, and of a legacy publisher |
+//! | the release fence in `Writer::begin` | `a_torn_message_is_never_accepted` |
+//! | the lap bound of `Reader::is_overwritten` by one, native | `a_torn_message_is_never_accepted` |
+//! | the lap bound of `Reader::is_overwritten` by one, legacy | `a_torn_message_of_a_legacy_publisher_is_never_accepted` |
+//! | the SeqCst fence in `notify` | `a_sleeper_is_always_woken` |
+//! | the order in `claim::clear`: mask bit before native bit | `a_legacy_successor_of_a_bit_is_woken` |
+//! | the second look under the lock in `claim::reclaim_leaked` | `reclaiming_spares_a_legacy_successor` |
+//! | `write_intent` left behind by one | `a_torn_message_is_never_accepted` |
+//!
+//! The SeqCst fence in `wait::sleep` has no line: the kernel has a full barrier of its own between the waiting bit and
+//! its look at the futex word. The fence makes the protocol sound without counting on that.
+
+use std::io;
+use std::time::Duration;
+
+use loom::model::Builder;
+use loom::sync::Arc;
+use loom::thread;
+
+use crate::claim::{Claim, Claimant, LineLocks, reclaim_leaked};
+use crate::geometry::Geometry;
+use crate::layout::{
+    FUTEX_WORD, NATIVE_MASK, ReaderLine, SLOT_LEN, SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI,
+    SLOT_TIME_LO, SUBSCRIBER_MASK, WRITE_IDX,
+};
+use crate::memory::Memory;
+use crate::reader::{Dialect, Meta, Policy, Reader, Sink};
+use crate::sync::{AtomicU32, Ordering, fence};
+use crate::wait;
+use crate::writer::{Writer, notify};
+
+const FOREVER: Duration = Duration::MAX;
+
+fn check(preemptions: usize, model: impl Fn() + Sync + Send + 'static) {
+    let mut builder = Builder::new();
+    builder.preemption_bound = Some(preemptions);
+    builder.check(model);
+}
+
+fn two_slots() -> Arc<Memory> {
+    Arc::new(Memory::new(Geometry::exact(2, 24).unwrap()))
+}
+
+/// Payload and time of a message say its number in two ways.
+fn publish(writer: &mut Writer, memory: &Memory) {
+    let n = writer.next();
+    writer.publish(memory, &[&payload(n)], time(n));
+}
+
+fn payload(n: u64) -> [u8; 4] {
+    (n as u32 + 100).to_le_bytes()
+}
+
+fn time(n: u64) -> u64 {
+    (n + 10) << 32 | (n + 20)
+}
+
+struct Word([u8; 4]);
+
+// SAFETY: the lengths published here are 4.
+unsafe impl Sink for Word {
+    fn room(&mut self, len: usize) -> *mut u8 {
+        assert!(len <= 4);
+        self.0.as_mut_ptr()
+    }
+}
+
+fn read(reader: &mut Reader, memory: &Memory) -> Option<Meta> {
+    let mut word = Word([0; 4]);
+    let meta = reader.next(memory, Policy::All, &mut word)?;
+    assert_eq!(
+        (meta.len, word.0, meta.timestamp_ns),
+        (4, payload(meta.sequence), time(meta.sequence))
+    );
+    Some(meta)
+}
+
+/// Reads a few times and checks that messages come whole, in order, and that the lost ones are counted.
+fn read_times(times: u32, memory: &Memory, mut reader: Reader) {
+    let mut expected = reader.cursor();
+    for _ in 0..times {
+        if let Some(meta) = read(&mut reader, memory) {
+            assert_eq!(meta.sequence, expected + meta.lost);
+            expected = meta.sequence + 1;
+        }
+    }
+}
+
+#[test]
+fn a_torn_message_is_never_accepted() {
+    check(3, || {
+        let memory = two_slots();
+        let mut writer = Writer::resume(&memory);
+        publish(&mut writer, &memory);
+        publish(&mut writer, &memory);
+        let reader = {
+            let memory = memory.clone();
+            thread::spawn(move || read_times(2, &memory, Reader::resume(Dialect::Native, 0, 0)))
+        };
+        publish(&mut writer, &memory);
+        reader.join().unwrap();
+    });
+}
+
+#[test]
+fn two_readers_are_overtaken_and_accept_no_torn_message() {
+    check(2, || {
+        let memory = two_slots();
+        let mut writer = Writer::resume(&memory);
+        publish(&mut writer, &memory);
+        publish(&mut writer, &memory);
+        let readers = [0, 1].map(|cursor| {
+            let memory = memory.clone();
+            let reader = Reader::resume(Dialect::Native, cursor, 0);
+            thread::spawn(move || read_times(1, &memory, reader))
+        });
+        publish(&mut writer, &memory);
+        readers
+            .into_iter()
+            .for_each(|reader| reader.join().unwrap());
+    });
+}
+
+/// What an unmodified conduit publisher does, its wake-up call being a full barrier.
+fn publish_legacy(memory: &Memory, n: u64) {
+    let slot = memory.slot(n);
+    slot.store(SLOT_LEN, 4);
+    slot.store(SLOT_SEQ_LO, n as u32);
+    slot.store(SLOT_SEQ_HI, (n >> 32) as u32);
+    slot.store(SLOT_TIME_LO, time(n) as u32);
+    slot.store(SLOT_TIME_HI, (time(n) >> 32) as u32);
+    slot.write_payload(0, &payload(n));
+    memory.u64(WRITE_IDX).store(n + 1, Ordering::Release);
+    fence(Ordering::SeqCst);
+}
+
+#[test]
+fn a_torn_message_of_a_legacy_publisher_is_never_accepted() {
+    check(3, || {
+        let memory = two_slots();
+        publish_legacy(&memory, 0);
+        let reader = {
+            let memory = memory.clone();
+            thread::spawn(move || read_times(2, &memory, Reader::resume(Dialect::Legacy, 0, 0)))
+        };
+        publish_legacy(&memory, 1);
+        publish_legacy(&memory, 2);
+        reader.join().unwrap();
+    });
+}
+
+/// Marks a line as claimed by a reader with the extension.
+fn claim_by_hand(memory: &Memory) -> ReaderLine {
+    let line = ReaderLine::all().next().unwrap();
+    memory
+        .u32(SUBSCRIBER_MASK)
+        .fetch_or(line.bit(), Ordering::Relaxed);
+    memory
+        .u32(NATIVE_MASK)
+        .fetch_or(line.bit(), Ordering::Relaxed);
+    line
+}
+
+fn sleep_until_message(memory: &Memory, line: ReaderLine, reader: &mut Reader) -> Meta {
+    loop {
+        if let Some(meta) = read(reader, memory) {
+            return meta;
+        }
+        wait::sleep(memory, line, FOREVER, || reader.has_news(memory));
+    }
+}
+
+#[test]
+fn a_sleeper_is_always_woken() {
+    check(3, || {
+        let memory = two_slots();
+        let line = claim_by_hand(&memory);
+        let sleeper = {
+            let memory = memory.clone();
+            thread::spawn(move || {
+                let mut reader = Reader::resume(Dialect::Native, 0, 0);
+                assert_eq!(sleep_until_message(&memory, line, &mut reader).sequence, 0);
+            })
+        };
+        publish(&mut Writer::resume(&memory), &memory);
+        sleeper.join().unwrap();
+    });
+}
+
+/// How far a publisher came with a message before it was killed.
+const STEPS: [fn(&mut Writer, &Memory); 4] = [
+    |_, _| (),
+    |writer, memory| writer.begin(memory),
+    |writer, memory| {
+        writer.begin(memory);
+        writer.fill(memory, &[&[0xFF; 4]]);
+    },
+    |writer, memory| {
+        writer.begin(memory);
+        writer.fill(memory, &[&[0xFF; 4]]);
+        writer.commit(memory, 4, 0);
+    },
+];
+
+#[test]
+fn a_successor_goes_on_at_the_same_number_wherever_the_predecessor_was_killed() {
+    for killed_after in STEPS {
+        check(2, move || {
+            let memory = two_slots();
+            let mut predecessor = Writer::resume(&memory);
+            publish(&mut predecessor, &memory);
+            publish(&mut predecessor, &memory);
+            let reader = {
+                let memory = memory.clone();
+                thread::spawn(move || read_times(1, &memory, Reader::resume(Dialect::Native, 0, 0)))
+            };
+            killed_after(&mut predecessor, &memory);
+            let mut successor = Writer::resume(&memory);
+            assert_eq!(successor.next(), 2);
+            notify(&memory);
+            publish(&mut successor, &memory);
+            reader.join().unwrap();
+        });
+    }
+}
+
+/// Locks as the kernel's: free again when their holder dies.
+struct Locks(Vec<AtomicU32>);
+
+impl Locks {
+    fn new() -> Arc<Locks> {
+        Arc::new(Locks(
+            ReaderLine::all().map(|_| AtomicU32::new(0)).collect(),
+        ))
+    }
+
+    fn of(&self, line: ReaderLine) -> &AtomicU32 {
+        &self.0[line.index() as usize]
+    }
+}
+
+impl LineLocks for Locks {
+    fn try_lock(&self, line: ReaderLine) -> io::Result<bool> {
+        Ok(self
+            .of(line)
+            .compare_exchange(0, 1, Ordering::Acquire, Ordering::Relaxed)
+            .is_ok())
+    }
+
+    fn unlock(&self, line: ReaderLine) -> io::Result<()> {
+        self.of(line).store(0, Ordering::Release);
+        Ok(())
+    }
+}
+
+fn take(memory: &Memory, locks: &Locks, id: u64) -> Option<Claim> {
+    Claim::take(
+        memory,
+        locks,
+        Claimant {
+            id,
+            pid: 0,
+            start_time: 0,
+        },
+    )
+    .unwrap()
+}
+
+#[test]
+fn two_claimants_never_share_a_line() {
+    check(2, || {
+        let (memory, locks) = (two_slots(), Locks::new());
+        let other = {
+            let (memory, locks) = (memory.clone(), locks.clone());
+            thread::spawn(move || take(&memory, &locks, 2))
+        };
+        let mine = take(&memory, &locks, 1);
+        let other = other.join().unwrap();
+        for claim in [mine, other].into_iter().flatten() {
+            assert!(claim.stands(&memory));
+        }
+        assert!(mine.or(other).is_some());
+    });
+}
+
+#[test]
+fn a_leaked_line_goes_to_one_claimant() {
+    check(2, || {
+        let (memory, locks) = (two_slots(), Locks::new());
+        let leaked = take(&memory, &locks, 9).unwrap();
+        let held = take(&memory, &locks, 8).unwrap();
+        locks.unlock(leaked.line).unwrap();
+        let other = {
+            let (memory, locks) = (memory.clone(), locks.clone());
+            thread::spawn(move || take(&memory, &locks, 2))
+        };
+        let mine = take(&memory, &locks, 1);
+        let other = other.join().unwrap();
+        let winners: Vec<Claim> = [mine, other].into_iter().flatten().collect();
+        assert!(winners.len() <= 1);
+        winners
+            .iter()
+            .for_each(|winner| assert!(winner.stands(&memory) && winner.line == leaked.line));
+        assert!(held.stands(&memory));
+    });
+}
+
+#[test]
+fn a_legacy_successor_of_a_bit_is_woken() {
+    check(3, || {
+        let (memory, locks) = (two_slots(), Locks::new());
+        let native = take(&memory, &locks, 1).unwrap();
+        let legacy = {
+            let memory = memory.clone();
+            thread::spawn(move || {
+                let bit = native.line.bit();
+                let free = memory.u32(SUBSCRIBER_MASK).fetch_or(bit, Ordering::AcqRel) & bit == 0;
+                while free && memory.u64(WRITE_IDX).load(Ordering::Acquire) == 0 {
+                    let seen = memory.u32(FUTEX_WORD).load(Ordering::Acquire);
+                    if memory.u64(WRITE_IDX).load(Ordering::Acquire) == 0 {
+                        memory.futex_wait(seen, FOREVER);
+                    }
+                }
+            })
+        };
+        let publisher = {
+            let memory = memory.clone();
+            thread::spawn(move || {
+                memory.u64(WRITE_IDX).store(1, Ordering::Release);
+                notify(&memory);
+            })
+        };
+        native.release(&memory, &*locks).unwrap();
+        legacy.join().unwrap();
+        publisher.join().unwrap();
+    });
+}
+
+#[test]
+fn reclaiming_spares_a_legacy_successor() {
+    check(3, || {
+        let (memory, locks) = (two_slots(), Locks::new());
+        let leaked = take(&memory, &locks, 9).unwrap();
+        locks.unlock(leaked.line).unwrap();
+        let other = {
+            let (memory, locks) = (memory.clone(), locks.clone());
+            thread::spawn(move || reclaim_leaked(&memory, &*locks).unwrap())
+        };
+        reclaim_leaked(&memory, &*locks).unwrap();
+        let (mask, bit) = (memory.u32(SUBSCRIBER_MASK), leaked.line.bit());
+        let claimed = mask.fetch_or(bit, Ordering::AcqRel) & bit == 0;
+        other.join().unwrap();
+        assert!(!claimed || mask.load(Ordering::Relaxed) & bit != 0);
+    });
+}
