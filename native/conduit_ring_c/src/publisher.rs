@@ -84,7 +84,6 @@ unsafe fn read_options(
         mode: options.mode,
         group: (options.group != CONDUIT_RING_OWN_GROUP).then_some(options.group),
         force: options.flags & CONDUIT_RING_FORCE != 0,
-        ..PublisherOptions::default()
     })
 }
 

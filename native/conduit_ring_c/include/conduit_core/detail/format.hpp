@@ -13,10 +13,11 @@
 
 namespace conduit::detail {
 
-/// What stands in `{:…}`: [[fill]<|>][0][width][.precision][type], type one of d x X o f e g s.
+/// What stands in `{:…}`: [[fill]<|>][#][0][width][.precision][type], type one of d x X o f e g s.
 struct FormatSpec {
   char fill = ' ';
   char align = '\0';
+  bool has_base = false;
   int width = 0;
   int precision = -1;
   char type = '\0';
@@ -29,6 +30,10 @@ struct FormatSpec {
       text.remove_prefix(2);
     } else if (!text.empty() && is_align(text[0])) {
       align = text[0];
+      text.remove_prefix(1);
+    }
+    if (!text.empty() && text[0] == '#') {
+      has_base = true;
       text.remove_prefix(1);
     }
     if (align == '\0' && !text.empty() && text[0] == '0') {
@@ -58,6 +63,7 @@ inline void apply(std::ostream& out, const FormatSpec& spec) {
   if (spec.precision >= 0) out.precision(spec.precision);
   out.width(spec.width);
   out.fill(spec.fill);
+  if (spec.has_base) out << std::showbase;
   if (spec.align == '<') out << std::left;
   if (spec.align == '>') out << std::right;
   if (spec.align == '=') out << std::internal;
@@ -105,7 +111,7 @@ template <class T>
 void append(std::string& text, const FormatSpec& spec, const T& value) {
   std::ostringstream out;
   out.imbue(std::locale::classic());
-  if (std::is_floating_point_v<T>) out.precision(std::is_same_v<T, float> ? 7 : 15);
+  if (std::is_floating_point_v<T> && spec.type == '\0') out.precision(std::is_same_v<T, float> ? 7 : 15);
   put(out, spec, value);
   text += out.str();
 }
