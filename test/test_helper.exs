@@ -1,2 +1,2 @@
 BB.Test.Probe.setup()
-ExUnit.start(capture_log: true)
+ExUnit.start(capture_log: true, assert_receive_timeout: 2_000)

@@ -126,12 +126,20 @@ defmodule BB.Ring do
   def format_error(reason), do: inspect(reason)
 
   @doc false
-  def check_topic!(topic) do
+  def check_topic(topic) do
     if is_binary(topic) and topic =~ ~r/\A[A-Za-z0-9_.-]{1,200}\z/ do
-      topic
+      {:ok, topic}
     else
-      raise ArgumentError,
-            "a topic's name is 1 to 200 characters out of A-Z a-z 0-9 _ . -, got: #{inspect(topic)}"
+      {:error,
+       "a topic's name is 1 to 200 characters out of A-Z a-z 0-9 _ . -, got: #{inspect(topic)}"}
+    end
+  end
+
+  @doc false
+  def check_topic!(topic) do
+    case check_topic(topic) do
+      {:ok, topic} -> topic
+      {:error, message} -> raise ArgumentError, message
     end
   end
 end

@@ -19,6 +19,7 @@ defmodule BB.Supervisor do
 
   alias BB.Component.Options
   alias BB.Options.ValidationError
+  alias BB.Supervisor.Successor
 
   @doc """
   Starts a robot.
@@ -38,11 +39,26 @@ defmodule BB.Supervisor do
          do: Supervisor.start_link(__MODULE__, robot, name: robot)
   end
 
+  @doc """
+  Why a robot was not started, as a sentence: for the error of `start_link/2`, and for that of a supervisor or an application
+  which has the robot among its children.
+
+      iex> error = %BB.Options.ValidationError{message: "unknown options [:buss]", keys_path: [:imu]}
+      iex> BB.Supervisor.format_error({:shutdown, {:failed_to_start_child, MyRobot, error}})
+      "unknown options [:buss] (in options [:imu])"
+  """
+  @spec format_error(term()) :: String.t()
+  def format_error({:shutdown, reason}), do: format_error(reason)
+  def format_error({:failed_to_start_child, _id, reason}), do: format_error(reason)
+  def format_error({{:shutdown, _} = reason, {_module, :start, _args}}), do: format_error(reason)
+  def format_error(error) when is_exception(error), do: Exception.message(error)
+  def format_error(reason), do: Exception.format_exit(reason)
+
   @impl Supervisor
   def init(robot) do
     children = [
-      {Registry, keys: :unique, name: BB.Process.registry_name(robot)},
-      {BB.PubSub, robot},
+      Successor.child_spec({Registry, keys: :unique, name: BB.Process.registry_name(robot)}),
+      Successor.child_spec({BB.PubSub, robot}),
       {BB.Supervisor.Part, {robot, nil}}
     ]
 

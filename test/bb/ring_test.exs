@@ -57,14 +57,14 @@ defmodule BB.RingTest do
       %{ref: ref} = attached!(topic, active: true)
       iodata = [?a, "b", [[], [<<99>>, ~c"de"]] | "f"]
       :ok = Publisher.publish(publisher, iodata)
-      assert_receive {:bb_ring, ^ref, %Message{data: "abcdef"}}
+      assert_receive {:bb_ring, ^ref, %Message{data: "abcdef"}}, 2000
     end
 
     test "an empty message is a message", %{topic: topic} do
       publisher = open!(topic)
       %{ref: ref} = attached!(topic, active: true)
       :ok = Publisher.publish(publisher, "")
-      assert_receive {:bb_ring, ^ref, %Message{data: "", sequence: 0}}
+      assert_receive {:bb_ring, ^ref, %Message{data: "", sequence: 0}}, 2000
     end
 
     test "a message of two megabytes arrives whole", %{topic: topic} do
@@ -90,7 +90,7 @@ defmodule BB.RingTest do
                Publisher.publish(publisher, String.duplicate("x", size + 1))
 
       assert :ok = Publisher.publish(publisher, String.duplicate("y", size))
-      assert_receive {:bb_ring, ^ref, %Message{sequence: 0, data: "y" <> _}}
+      assert_receive {:bb_ring, ^ref, %Message{sequence: 0, data: "y" <> _}}, 2000
       assert {:ok, %{published: 1, rejected_oversize: 1}} = Publisher.info(publisher)
     end
 
@@ -108,7 +108,9 @@ defmodule BB.RingTest do
 
       received =
         for sequence <- 0..999 do
-          assert_receive {:bb_ring, ^ref, %Message{sequence: ^sequence, data: data, lost: 0}}
+          assert_receive {:bb_ring, ^ref, %Message{sequence: ^sequence, data: data, lost: 0}},
+                         2000
+
           data
         end
 
@@ -151,7 +153,7 @@ defmodule BB.RingTest do
 
       assert_receive {:publisher, old}
       %{ref: ref} = attached!(topic, active: true, start: {:history, 5})
-      for n <- 0..4, do: assert_receive({:bb_ring, ^ref, %Message{sequence: ^n}})
+      for n <- 0..4, do: assert_receive({:bb_ring, ^ref, %Message{sequence: ^n}}, 2000)
 
       Process.exit(owner, :kill)
       assert_receive {:DOWN, ^monitor, _, _, :killed}
@@ -175,7 +177,7 @@ defmodule BB.RingTest do
 
       assert_receive :open
       %{ref: ref} = attached!(topic, active: true, start: {:history, 4})
-      assert_receive {:bb_ring, ^ref, %Message{data: "old"}}
+      assert_receive {:bb_ring, ^ref, %Message{data: "old"}}, 2000
       Process.exit(owner, :kill)
       assert_receive {:DOWN, ^monitor, _, _, :killed}
 
@@ -288,9 +290,9 @@ defmodule BB.RingTest do
     } do
       %{ref: ref} = subscriber = attached!(topic, active: 2)
       for n <- 0..4, do: :ok = Publisher.publish(publisher, "#{n}")
-      assert_receive {:bb_ring, ^ref, %Message{data: "0"}}
-      assert_receive {:bb_ring, ^ref, %Message{data: "1"}}
-      assert_receive {:bb_ring_passive, ^ref}
+      assert_receive {:bb_ring, ^ref, %Message{data: "0"}}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{data: "1"}}, 2000
+      assert_receive {:bb_ring_passive, ^ref}, 2000
       assert {:ok, %Message{data: "2", lost: 0}} = Subscriber.recv(subscriber, 1000)
       refute_received {:bb_ring, ^ref, _}
     end
@@ -302,19 +304,19 @@ defmodule BB.RingTest do
       %{ref: ref} = subscriber = attached!(topic, active: 1)
       :ok = Subscriber.active(subscriber, 2)
       for n <- 0..2, do: :ok = Publisher.publish(publisher, "#{n}")
-      for n <- 0..2, do: assert_receive({:bb_ring, ^ref, %Message{sequence: ^n}})
-      assert_receive {:bb_ring_passive, ^ref}
+      for n <- 0..2, do: assert_receive({:bb_ring, ^ref, %Message{sequence: ^n}}, 2000)
+      assert_receive {:bb_ring_passive, ^ref}, 2000
       :ok = Subscriber.active(subscriber, 3)
       :ok = Subscriber.active(subscriber, -3)
-      assert_receive {:bb_ring_passive, ^ref}
+      assert_receive {:bb_ring_passive, ^ref}, 2000
     end
 
     test ":once is one message", %{topic: topic, publisher: publisher} do
       %{ref: ref} = subscriber = attached!(topic, active: :once)
       for n <- 0..1, do: :ok = Publisher.publish(publisher, "#{n}")
-      assert_receive {:bb_ring, ^ref, %Message{data: "0"}}
+      assert_receive {:bb_ring, ^ref, %Message{data: "0"}}, 2000
       :ok = Subscriber.active(subscriber, :once)
-      assert_receive {:bb_ring, ^ref, %Message{data: "1"}}
+      assert_receive {:bb_ring, ^ref, %Message{data: "1"}}, 2000
       refute_received {:bb_ring_passive, ^ref}
     end
 
@@ -323,12 +325,13 @@ defmodule BB.RingTest do
       publisher: publisher
     } do
       %{ref: ref} = subscriber = attached!(topic, active: 1)
-      for n <- 0..99, do: :ok = Publisher.publish(publisher, "#{n}")
-      assert_receive {:bb_ring, ^ref, %Message{data: "0"}}
-      assert_receive {:bb_ring_passive, ^ref}
+      :ok = Publisher.publish(publisher, "0")
+      assert_receive {:bb_ring, ^ref, %Message{data: "0"}}, 2000
+      assert_receive {:bb_ring_passive, ^ref}, 2000
+      for n <- 1..99, do: :ok = Publisher.publish(publisher, "#{n}")
       :ok = Subscriber.active(subscriber, true)
-      assert_receive {:bb_ring, ^ref, %Message{sequence: 36, lost: 35}}
-      for n <- 37..99, do: assert_receive({:bb_ring, ^ref, %Message{sequence: ^n, lost: 0}})
+      assert_receive {:bb_ring, ^ref, %Message{sequence: 36, lost: 35}}, 2000
+      for n <- 37..99, do: assert_receive({:bb_ring, ^ref, %Message{sequence: ^n, lost: 0}}, 2000)
     end
 
     test "recv is for passive subscribers only", %{topic: topic} do
@@ -418,7 +421,7 @@ defmodule BB.RingTest do
       %{ref: ref} = attached!(topic, active: true)
       assert_raise ArgumentError, fn -> Publisher.publish(publisher, [:atom]) end
       :ok = Publisher.publish(publisher, "fine")
-      assert_receive {:bb_ring, ^ref, %Message{sequence: 0, data: "fine"}}
+      assert_receive {:bb_ring, ^ref, %Message{sequence: 0, data: "fine"}}, 2000
     end
 
     test "a file that is no ring is refused by name", %{topic: topic} do

@@ -1,17 +1,14 @@
 defmodule BB.SupervisorTest do
   use ExUnit.Case, async: true
 
+  import BB.Test.Eventually
   import BB.Test.Robot
+  import BB.Test.Watch
 
-  defp probe_robot do
-    robot do
-      topology do
-        link :base do
-          sensor :imu, BB.Test.Probe
-        end
-      end
-    end
-  end
+  alias BB.Options.ValidationError
+  alias BB.Test.{Counter, Probe}
+
+  doctest BB.Supervisor
 
   describe "the tree" do
     test "holds the robot's sensors, its link, that link's sensors and joints, and so on" do
@@ -53,17 +50,273 @@ defmodule BB.SupervisorTest do
                  base ++ [{:joint, :elbow}, {:link, :arm}, {:sensor, :touch}]
                ])
 
-      assert Process.whereis(robot)
+      for name <- [:battery, :imu, :encoder, :touch], do: assert(is_pid(pid(robot, name)))
+    end
 
-      for name <- [:battery, :imu, :encoder, :touch],
-          do: assert(is_pid(BB.Process.whereis(robot, name)))
+    test "has the root under the robot's name, and started twice says so" do
+      robot = one_of_three()
+      root = start_supervised!(robot)
+      assert Process.whereis(robot) == root
+      assert robot.start_link() == {:error, {:already_started, root}}
+    end
+
+    test "shows each sensor under its keeper, as a supervisor's child" do
+      robot = start_up(one_of_three())
+      keeper = keeper(robot, :imu)
+      imu = pid(robot, :imu)
+      assert [{:imu, ^imu, :worker, _}] = Supervisor.which_children(keeper)
+      assert %{active: 1, specs: 1, workers: 1} = Supervisor.count_children(keeper)
     end
   end
 
-  test "a robot comes up" do
-    robot = probe_robot()
-    start_supervised!(robot)
-    assert BB.call(robot, :imu, :x) == {:error, :not_implemented}
-    assert %{state: :up, restarts: 0} = health(robot, :imu)
+  describe "wrong options" do
+    test "fail the start of the robot with the validation error, and start nothing" do
+      robot =
+        robot do
+          topology do
+            link :base do
+              sensor :imu, {BB.Test.Probe, rtae: 100}
+            end
+          end
+        end
+
+      assert {:error, %ValidationError{} = error} = robot.start_link()
+
+      assert Exception.message(error) ==
+               "unknown options [:rtae], valid options are: [:rate] (in options [:base, :imu])"
+
+      assert Process.whereis(robot) == nil
+      assert Process.whereis(BB.Process.registry_name(robot)) == nil
+    end
+
+    test "under a supervisor are a sentence too" do
+      robot =
+        robot do
+          sensors do
+            sensor :imu, {BB.Test.Probe, rate: 0}
+          end
+        end
+
+      Process.flag(:trap_exit, true)
+      {:error, reason} = Supervisor.start_link([robot], strategy: :one_for_one)
+
+      assert BB.Supervisor.format_error(reason) ==
+               "invalid value for :rate option: expected positive integer, got: 0 (in options [:imu])"
+    end
+
+    test "of the robot itself fail its start too" do
+      assert {:error, %ValidationError{} = error} = one_of_three().start_link(speed: 3)
+      assert Exception.message(error) =~ "unknown options [:speed]"
+    end
+  end
+
+  describe "a fault of one sensor never reaches another:" do
+    test "hundreds are killed, and no sibling misses a message or changes its pid, nor does a supervisor" do
+      names = for n <- 1..60, do: :"faulty_#{n}"
+
+      robot =
+        create(
+          quote do
+            sensors do
+              sensor :first, BB.Test.Counter
+              for name <- unquote(names), do: sensor(name, BB.Test.Probe)
+            end
+
+            topology do
+              link :base do
+                sensor :second, BB.Test.Counter
+              end
+            end
+          end
+        )
+
+      start_supervised!(robot)
+      assert eventually(fn -> Enum.all?(BB.Sensor.health(robot), &(&1.state == :up)) end)
+      {:ok, _} = BB.subscribe(robot, [:sensor, :first])
+      {:ok, _} = BB.subscribe(robot, [:sensor, :base, :second])
+      supervisors = supervisors(robot)
+      siblings = {pid(robot, :first), pid(robot, :second)}
+      counts = {first_count(:first), first_count(:second)}
+
+      {first, second} =
+        Enum.reduce(1..5, counts, fn _round, {first, second} ->
+          before = for name <- names, do: pid(robot, name)
+          Enum.each(before, &Process.exit(&1, :kill))
+          counts = {count_on(:first, first, 50), count_on(:second, second, 50)}
+
+          assert eventually(fn ->
+                   Enum.all?(Enum.zip(names, before), fn {name, old} ->
+                     pid(robot, name) not in [old, :undefined]
+                   end)
+                 end)
+
+          counts
+        end)
+
+      count_on(:first, first, 10)
+      count_on(:second, second, 10)
+      assert {pid(robot, :first), pid(robot, :second)} == siblings
+      assert supervisors(robot) == supervisors
+      assert eventually(fn -> Enum.all?(BB.Sensor.health(robot), &(&1.state == :up)) end)
+
+      for row <- BB.Sensor.health(robot), row.name in names, do: assert(row.restarts == 5)
+    end
+
+    test "one that cannot come up changes nothing for the others" do
+      robot = one_of_three()
+      imu(robot, init: fn _ -> exit(:broken) end)
+      start_watched(robot)
+      supervisors = supervisors(robot)
+      {:ok, _} = BB.subscribe(robot, [:sensor, :first])
+      from = first_count(:first)
+      assert eventually(fn -> health(robot, :imu).restarts >= 4 end)
+      count_on(:first, from, 100)
+      assert supervisors(robot) == supervisors
+    end
+  end
+
+  describe "when the robot stops," do
+    test "terminate runs in each sensor, the last declared first" do
+      robot =
+        robot do
+          topology do
+            link :base do
+              sensor :a, BB.Test.Probe
+              sensor :b, BB.Test.Probe
+
+              joint :j do
+                type :fixed
+                sensor :c, BB.Test.Probe
+                link :tip
+              end
+            end
+          end
+        end
+
+      test = self()
+
+      for name <- [:a, :b, :c] do
+        Probe.script(robot, name,
+          terminate: fn reason, _ -> send(test, {:terminated, name, reason}) end
+        )
+      end
+
+      start_supervised!(robot)
+      assert eventually(fn -> Enum.all?(BB.Sensor.health(robot), &(&1.state == :up)) end)
+      stop_supervised!(robot)
+
+      assert {:messages,
+              [
+                {:terminated, :c, :shutdown},
+                {:terminated, :b, :shutdown},
+                {:terminated, :a, :shutdown}
+              ]} = Process.info(self(), :messages)
+    end
+
+    test "no process and no alarm are left" do
+      robot = one_of_three()
+      imu(robot, init: fn _ -> {:stop, :absent} end)
+      start_watched(robot)
+      assert eventually(fn -> alarm(robot, [:base, :imu]) end)
+      refs = monitor_all(robot)
+      BB.unsubscribe(robot, [:sensor_status])
+      stop_supervised!(robot)
+      for ref <- refs, do: assert_received({:DOWN, ^ref, _, _, _})
+      assert alarm(robot, [:base, :imu]) == nil
+    end
+
+    test "or is killed, no process and no alarm are left" do
+      robot = one_of_three()
+      imu(robot, init: fn _ -> {:stop, :absent} end)
+      {:ok, root} = start_unlinked(robot)
+      assert eventually(fn -> alarm(robot, [:base, :imu]) end)
+      refs = monitor_all(robot)
+      Process.exit(root, :kill)
+      for ref <- refs, do: assert_receive({:DOWN, ^ref, _, _, _}, 5_000)
+      assert eventually(fn -> alarm(robot, [:base, :imu]) == nil end)
+    end
+
+    test "a sensor that hangs is killed after five seconds" do
+      robot = start_up(one_of_three())
+      imu(robot, handle_cast: fn :hang, _ -> Process.sleep(:infinity) end)
+      hanging = pid(robot, :imu)
+      BB.cast(robot, :imu, :hang)
+      ref = Process.monitor(hanging)
+      BB.unsubscribe(robot, [:sensor_status])
+      stop_supervised!(robot)
+      assert_received {:DOWN, ^ref, _, _, :killed}
+    end
+
+    defp monitor_all(robot) do
+      servers = for row <- BB.Sensor.health(robot), row.pid, do: row.pid
+      for pid <- servers ++ Keyword.values(named(robot)), do: Process.monitor(pid)
+    end
+
+    defp named(robot), do: for({_id, pid} <- supervisors(robot), do: {:pid, pid})
+
+    defp start_unlinked(robot) do
+      test = self()
+
+      spawn(fn ->
+        Process.flag(:trap_exit, true)
+        send(test, {:started, robot.start_link()})
+        Process.sleep(:infinity)
+      end)
+
+      assert_receive {:started, started}, 5_000
+      started
+    end
+  end
+
+  describe "when the robot's registry or bus is killed," do
+    test "every sensor is up again, under its name and in health, and so is its silence" do
+      for part <- [Registry, Registry.PIDPartition0, PubSub, PubSub.PIDPartition0] do
+        robot =
+          robot do
+            sensors do
+              sensor :first, BB.Test.Counter
+              sensor :imu, BB.Test.Probe, max_silence: ~u(100 millisecond)
+            end
+          end
+
+        root = start_supervised!(robot)
+        assert eventually(fn -> health(robot, :imu).state == :stale end)
+        victim = Process.whereis(Module.concat(robot, part))
+        ref = Process.monitor(victim)
+        Process.exit(victim, :kill)
+        assert_receive {:DOWN, ^ref, _, _, _}, 5_000
+
+        assert eventually(fn ->
+                 Process.whereis(Module.concat(robot, part)) not in [nil, victim]
+               end)
+
+        assert eventually(fn -> counted?(robot) end)
+        assert eventually(fn -> named?(robot, :first) and named?(robot, :imu) end)
+        assert eventually(fn -> spoken?(robot) end)
+        assert eventually(fn -> health(robot, :imu).state == :stale end)
+        assert Process.whereis(robot) == root
+      end
+    end
+
+    # The bus may go down between any two lines here, so each is tried again.
+    defp counted?(robot) do
+      {:ok, _} = BB.subscribe(robot, [:sensor, :first])
+      assert_receive {:bb, [:sensor, :first], %{robot: ^robot}}, 100
+      BB.unsubscribe(robot, [:sensor, :first])
+    rescue
+      _ in [ArgumentError, ExUnit.AssertionError] -> false
+    end
+
+    defp spoken?(robot) do
+      BB.publish(robot, [:sensor, :imu], elem(Counter.Count.new(:imu, n: 1), 1))
+      health(robot, :imu).state == :up
+    end
+
+    defp named?(robot, name) do
+      pid = pid(robot, name)
+      is_pid(pid) and health(robot, name).pid == pid
+    rescue
+      ArgumentError -> false
+    end
   end
 end

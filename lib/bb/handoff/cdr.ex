@@ -9,6 +9,7 @@ defmodule BB.Handoff.Cdr do
     * `{:array, type, n}`: exactly `n` values, a list
     * `{:sequence, type}`: a count and so many values, a list
     * `[type, …]`: a structure, a list of its fields' values
+    * `{:align, n}`: padding up to a multiple of `n`; its value is `nil`
 
       iex> bytes = BB.Handoff.Cdr.encode([:string, :f64], ["a", 0.5])
       iex> IO.iodata_to_binary(bytes)
@@ -28,6 +29,7 @@ defmodule BB.Handoff.Cdr do
           | :string
           | {:array, type(), pos_integer()}
           | {:sequence, type()}
+          | {:align, pos_integer()}
           | [type()]
   @type reason ::
           :not_little_endian_cdr
@@ -72,6 +74,8 @@ defmodule BB.Handoff.Cdr do
     Enum.reduce(values, write(:u32, length(values), out), &write(type, &1, &2))
   end
 
+  defp write({:align, n}, nil, out), do: align(out, n)
+
   defp write(:string, value, out) when is_binary(value) do
     put(write(:u32, byte_size(value) + 1, out), [value, 0], byte_size(value) + 1)
   end
@@ -108,6 +112,8 @@ defmodule BB.Handoff.Cdr do
     {count, offset} = read(:u32, body, offset)
     repeat(count, type, body, offset, [])
   end
+
+  defp read({:align, n}, _body, offset), do: {nil, offset + padding(offset, n)}
 
   defp read(:string, body, offset) do
     {size, start} = read(:u32, body, offset)

@@ -1,6 +1,10 @@
 defmodule BB.Handoff.Inlet do
   @schema BB.Options.new!(
-            topic: [type: :string, required: true, doc: "The ring topic."],
+            topic: [
+              type: {:custom, BB.Ring, :check_topic, []},
+              required: true,
+              doc: "The ring topic."
+            ],
             encoding: [
               type: {:behaviour, BB.Handoff.Encoding},
               required: true,

@@ -5,14 +5,26 @@ defmodule BB.Handoff.Outlet do
               required: true,
               doc: "The pubsub path, with everything below it."
             ],
-            topic: [type: :string, required: true, doc: "The ring topic."],
+            topic: [
+              type: {:custom, BB.Ring, :check_topic, []},
+              required: true,
+              doc: "The ring topic."
+            ],
             encoding: [
               type: {:behaviour, BB.Handoff.Encoding},
               required: true,
               doc: "How messages are encoded."
             ],
-            slot_count: [type: :pos_integer, default: 16, doc: "As in `BB.Ring.Publisher`."],
-            slot_size: [type: :pos_integer, default: 4096, doc: "As in `BB.Ring.Publisher`."]
+            slot_count: [
+              type: {:custom, BB.Ring.Publisher, :check_slot_count, []},
+              default: 16,
+              doc: "As in `BB.Ring.Publisher`."
+            ],
+            slot_size: [
+              type: {:in, 21..0x4000_0000},
+              default: 4096,
+              doc: "As in `BB.Ring.Publisher`."
+            ]
           )
 
   @moduledoc """

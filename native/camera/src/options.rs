@@ -19,6 +19,7 @@ Usage: camera --topic NAME [options]
   --height PIXELS     of the rendered scene, 240 to 4320; default 480
   --frames DIR        photographs (.jpg, .jpeg, .png) of this folder by name, round and round, instead of the scene
   --slots COUNT       frames that the ring holds, a power of two from 2 to 64; default 4
+  --check             only look whether --frames can be used, without a topic
   --exit-with-stdin   end when stdin does
   --help              this text
 ";
@@ -30,6 +31,7 @@ const KNOWN: &[&str] = &[
     "--height",
     "--frames",
     "--slots",
+    "--check",
     "--exit-with-stdin",
     "--help",
 ];
@@ -70,6 +72,8 @@ pub enum Picture {
 pub enum Call {
     /// To say how it is called.
     Help,
+    /// To look whether these pictures can be used.
+    Check(Picture),
     /// To be a camera.
     Run(Options),
 }
@@ -82,7 +86,8 @@ impl Call {
         let mut arguments = Arguments::new(arguments, KNOWN);
         let (mut topic, mut folder) = (None, None);
         let (mut width, mut height) = (None, None);
-        let (mut rate_hz, mut slots, mut exit_with_stdin) = (30.0, 4, false);
+        let (mut rate_hz, mut slots) = (30.0, 4);
+        let (mut check, mut exit_with_stdin) = (false, false);
         while let Some(option) = arguments.next()? {
             match option {
                 "--topic" => topic = Some(arguments.read(TOPIC, |name| Topic::new(name).ok())?),
@@ -95,9 +100,13 @@ impl Call {
                 }
                 "--frames" => folder = Some(arguments.path("a folder of photographs")?),
                 "--slots" => slots = arguments.parse("a power of two from 2 to 64", is_slots)?,
+                "--check" => check = true,
                 "--exit-with-stdin" => exit_with_stdin = true,
                 _ => return Ok(Call::Help),
             }
+        }
+        if check {
+            return Ok(Call::Check(picture(folder, width, height)?));
         }
         Ok(Call::Run(Options {
             topic: required(topic, "--topic", TOPIC)?,

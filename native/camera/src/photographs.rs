@@ -116,7 +116,12 @@ fn is_photograph(path: &Path) -> bool {
 pub fn read(path: &Path) -> Result<Photograph, PhotographError> {
     let bytes =
         fs::read(path).map_err(|error| PhotographError::Unreadable(path.to_owned(), error))?;
-    decode(&bytes).map_err(|cause| PhotographError::NotAPicture(path.to_owned(), cause))
+    decode(&bytes).map_err(|cause| PhotographError::NotAPicture(path.to_owned(), one_line(&cause)))
+}
+
+/// Decoders speak in several lines at times.
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 fn decode(bytes: &[u8]) -> Result<Photograph, String> {

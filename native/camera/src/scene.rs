@@ -25,6 +25,12 @@ const BLACK: u8 = 30;
 /// The card's half side; that of the tag's black border is 1.
 const CARD: f64 = 1.5;
 
+/// Cells in a length of 1.
+const HALF_BORDER: f64 = BORDER_CELLS as f64 / 2.0;
+
+/// The pattern's number of the cell at the card's edge: the border's first has number 1.
+const FIRST_CELL: i32 = 1 - ((CARD - 1.0) * HALF_BORDER) as i32;
+
 /// Points along a pixel's side at which a pixel that shows more than one thing is sampled.
 const SAMPLES: u32 = 4;
 
@@ -183,13 +189,13 @@ fn pose(index: usize, seconds: f64) -> Pose {
     let wave = |period: f64, shift: f64| (TAU * seconds / period + phase + shift).sin();
     let roll = match index {
         0 => TAU * seconds / 12.0,
-        _ => 0.5 * wave(7.0 + index as f64, 0.4) + 0.3,
+        _ => 0.3 * wave(7.0 + index as f64, 0.4) + 0.45,
     };
     Pose {
         place: [wave(6.1, 0.0), wave(4.3, 1.1)],
         scale: 0.875 + 0.125 * wave(5.3, 2.0),
         roll,
-        tilt: [0.55 * wave(8.9, 0.7), 0.45 * wave(7.7, 2.9)],
+        tilt: [0.45 * wave(8.9, 0.7), 0.35 * wave(7.7, 2.9)],
     }
 }
 
@@ -272,7 +278,8 @@ type Cell = Option<(i32, i32)>;
 fn cell_at(to_tag: &[f64; 9], x: f64, y: f64) -> Cell {
     let [u, v] = project(to_tag, x, y);
     let inside = u.abs() <= CARD && v.abs() <= CARD;
-    let cell = |part: f64| ((part + 1.0) * (BORDER_CELLS / 2) as f64).floor() as i32 + 1;
+    // From the card's edge on, where no number is negative: a cast rounds down, and faster than `floor` does.
+    let cell = |part: f64| ((part + CARD) * HALF_BORDER) as i32 + FIRST_CELL;
     inside.then(|| (cell(v), cell(u)))
 }
 
@@ -309,15 +316,12 @@ fn mean(to_tag: &[f64; 9], pattern: &Pattern, x: u32, y: u32, behind: u8) -> u8 
     ((sum + SAMPLES * SAMPLES / 2) / (SAMPLES * SAMPLES)) as u8
 }
 
-/// A wall of soft blotches of several sizes.
+/// A plain wall with patches of rough plaster: a detector has something to look at, and not everywhere.
 fn wall(width: u32, height: u32) -> Vec<u8> {
     let grey = |x: u32, y: u32| {
-        let blotches = [(96, 45.0), (37, 30.0), (23, 12.0)];
-        let sum: f64 = blotches
-            .iter()
-            .map(|&(size, depth)| depth * blotch(x, y, size))
-            .sum();
-        (115.0 + sum) as u8
+        let patch = (4.0 * blotch(x, y, 150) - 0.4).clamp(0.0, 1.0);
+        let plaster = 60.0 * blotch(x, y, 37) + 30.0 * blotch(x, y, 11);
+        (115.0 + patch * plaster) as u8
     };
     (0..height)
         .flat_map(|y| (0..width).map(move |x| grey(x, y)))
@@ -343,13 +347,13 @@ fn lerp(from: f64, to: f64, t: f64) -> f64 {
     from + (to - from) * t
 }
 
-/// A sensor's noise, about ±2 grey levels, bell-shaped.
+/// A sensor's noise, bell-shaped, mostly one grey level up or down.
 fn noise() -> Vec<i8> {
     (0..NOISE_LENGTH as u64)
         .map(|index| {
             let bytes = hash(index ^ 0x6e6f_6973_6500_0000).to_le_bytes();
             let sum: i32 = bytes[..4].iter().map(|&byte| i32::from(byte) - 128).sum();
-            (f64::from(sum) * 1.0 / 148.0).round() as i8
+            (f64::from(sum) * 0.7 / 148.0).round() as i8
         })
         .collect()
 }

@@ -16,7 +16,8 @@
 //! | the SeqCst fence in `notify` | `a_sleeper_is_always_woken` |
 //! | the order in `claim::clear`: mask bit before native bit | `a_legacy_successor_of_a_bit_is_woken` |
 //! | the second look under the lock in `claim::reclaim_leaked` | `reclaiming_spares_a_legacy_successor` |
-//! | `write_intent` left behind by one | `a_torn_message_is_never_accepted` |
+//! | `write_intent` announced too low by one | `a_torn_message_is_never_accepted` |
+//! | `write_intent` set back to `write_idx` at a takeover | `a_successor_goes_on_at_the_same_number…` |
 //!
 //! The SeqCst fence in `wait::sleep` has no line: the kernel has a full barrier of its own between the waiting bit and
 //! its look at the futex word. The fence makes the protocol sound without counting on that.
@@ -28,7 +29,7 @@ use loom::model::Builder;
 use loom::sync::Arc;
 use loom::thread;
 
-use crate::claim::{Claim, Claimant, LineLocks, reclaim_leaked};
+use crate::claim::{Claim, Claimant, LineLocks, prepare, reclaim_leaked};
 use crate::geometry::Geometry;
 use crate::layout::{
     FUTEX_WORD, NATIVE_MASK, ReaderLine, SLOT_LEN, SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI,
@@ -49,7 +50,9 @@ fn check(preemptions: usize, model: impl Fn() + Sync + Send + 'static) {
 }
 
 fn two_slots() -> Arc<Memory> {
-    Arc::new(Memory::new(Geometry::exact(2, 24).unwrap()))
+    let memory = Memory::new(Geometry::exact(2, 24).unwrap());
+    prepare(&memory);
+    Arc::new(memory)
 }
 
 /// Payload and time of a message say its number in two ways.

@@ -192,10 +192,11 @@ fn is_tail(mut reader: Reader<'_>) -> bool {
     reader.align(8).is_ok() && reader.u32() == Ok(TAIL_MAGIC) && reader.u32() == Ok(TAIL_VERSION)
 }
 
-/// Bytes of a message with so many detections whose family and frame_id have so many letters, at most: what a slot of
-/// the ring must hold.
-pub const fn largest_message(detections: usize, letters: usize) -> usize {
-    let header = 4 + 8 + 4 + letters + 1 + 3 + 4;
-    let detection = SMALLEST_DETECTION + letters + 1 + 3 + 4;
-    header + detections * detection + 7 + TAIL_SIZE
+/// Bytes of a message with so many detections at most, whose family and whose frame_id have so many letters at most:
+/// what a slot of the ring must hold.
+pub const fn largest_message(detections: usize, family: usize, frame_id: usize) -> usize {
+    // A string's NUL and the padding behind it, and the padding that an f64 may need later, are at most 8.
+    let header = 4 + 8 + 4 + frame_id + 8 + 4;
+    let detection = SMALLEST_DETECTION + family + 8;
+    header + detections * detection + 8 + TAIL_SIZE
 }

@@ -6,16 +6,13 @@ use ganglion_messages::tags::TagDetection;
 use std::fmt;
 
 /// The tag families that can be looked for.
-pub const FAMILIES: [&str; 8] = [
-    "tag36h11",
-    "tag25h9",
-    "tag16h5",
-    "tagCircle21h7",
-    "tagCircle49h12",
-    "tagStandard41h12",
-    "tagStandard52h13",
-    "tagCustom48h12",
-];
+pub const FAMILIES: [&str; 3] = ["tag36h11", "tag25h9", "tag16h5"];
+
+/// Decimations that the library knows how to undo.
+pub const DECIMATIONS: [f32; 9] = [1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
+
+/// How many wrong bits of a tag are corrected.
+const CORRECTED_BITS: usize = 2;
 
 /// The shortest side, after decimation, that the detector is given. In less no tag can be told.
 const SHORTEST_SIDE: u32 = 16;
@@ -33,14 +30,10 @@ pub struct Settings {
     pub family: &'static str,
     /// Threads that share the work.
     pub threads: u8,
-    /// Look for tags in an image so many times smaller: faster, and small tags are lost. 1 is off.
+    /// Look for tags in an image so many times smaller, one of [`DECIMATIONS`]: faster, and small tags are lost.
     pub quad_decimate: f32,
-    /// Blur (positive) or sharpen (negative) before looking, standard deviation in pixels. 0 is off.
-    pub quad_sigma: f32,
     /// Snap the edges to strong gradients nearby.
     pub refine_edges: bool,
-    /// How many wrong bits of a tag may be corrected.
-    pub hamming: u8,
 }
 
 impl Default for Settings {
@@ -49,9 +42,7 @@ impl Default for Settings {
             family: FAMILIES[0],
             threads: 1,
             quad_decimate: 1.0,
-            quad_sigma: 0.0,
             refine_edges: false,
-            hamming: 2,
         }
     }
 }
@@ -100,11 +91,10 @@ impl Eye {
     /// When the family is not one of [`FAMILIES`], or memory is out.
     pub fn new(settings: Settings) -> Eye {
         let family: Family = settings.family.parse().expect("a family of FAMILIES");
-        let builder = Detector::builder().add_family_bits(family, settings.hamming.into());
+        let builder = Detector::builder().add_family_bits(family, CORRECTED_BITS);
         let mut detector = builder.build().expect("memory for a detector");
         detector.set_thread_number(settings.threads.max(1));
         detector.set_decimation(settings.quad_decimate);
-        detector.set_sigma(settings.quad_sigma);
         detector.set_refine_edges(settings.refine_edges);
         Eye {
             detector,

@@ -1,2 +1,22 @@
-//! Under construction.
-fn main() {}
+//! The detector's process: see the library.
+
+use program::stop::Stop;
+use program::{Failure, Log};
+use std::process::ExitCode;
+use vision_tags::options::{Call, HELP, Options};
+
+fn main() -> ExitCode {
+    program::run("vision_tags", |log| {
+        match Call::parse(std::env::args_os().skip(1))? {
+            Call::Help => program::print_help(HELP),
+            Call::Run(options) => run(&options, log)?,
+        }
+        Ok(())
+    })
+}
+
+fn run(options: &Options, log: Log) -> Result<(), Failure> {
+    let stop = Stop::of_process(options.exit_with_stdin)
+        .map_err(|error| Failure::World(format!("signals cannot be received: {error}")))?;
+    vision_tags::run(options, &stop, log)
+}

@@ -2,24 +2,19 @@
 //!
 //! The photographs are not part of the repository; where their folder is absent these tests say so and pass.
 
+#[path = "../../program/tests/support/shared_data.rs"]
+mod shared_data;
+
 use camera::photographs;
 use ganglion_messages::frame::{Frame, FrameHeader};
 use ganglion_messages::tags::TagDetection;
-use std::path::{Path, PathBuf};
+use shared_data::tags_folder;
+use std::path::Path;
 use vision_tags::eye::{Eye, Settings};
 
 const TOLERANCE_PX: f64 = 0.2;
 
 type Corners = [[f64; 2]; 4];
-
-fn folder() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/tags");
-    let there = folder.is_dir();
-    if !there {
-        eprintln!("SKIPPED: there is no folder {}", folder.display());
-    }
-    there.then_some(folder)
-}
 
 /// Lines of an id and four corners: `0, (277.9247 327.4884), (250.3570 329.7265), …`
 fn truth(path: &Path) -> Vec<(i32, Corners)> {
@@ -61,7 +56,7 @@ fn deviation(one: &Corners, other: &Corners) -> f64 {
 }
 
 fn compare(name: &str, count: usize) {
-    let Some(folder) = folder() else { return };
+    let Some(folder) = tags_folder() else { return };
     let truth = truth(&folder.join(name).with_extension("txt"));
     assert_eq!(truth.len(), count);
     let found = detections(&folder.join(name).with_extension("jpg"));
@@ -71,7 +66,6 @@ fn compare(name: &str, count: usize) {
             .filter(|tag| tag.id == *id)
             .map(|tag| deviation(&tag.corners, corners))
             .fold(f64::MAX, f64::min);
-        println!("{name}: {nearest:.4} px");
         assert!(
             nearest <= TOLERANCE_PX,
             "{name}: tag {id} at {corners:?} is {nearest} px off"

@@ -1,11 +1,9 @@
 //! The detector on rendered frames, against the truth that the scene knows.
 
-use camera::scene::{PlacedTag, Scene, TAG_IDS};
+use camera::scene::{Scene, TAG_IDS};
 use ganglion_messages::frame::{Frame, FrameHeader};
 use ganglion_messages::tags::TagDetection;
 use vision_tags::eye::{Eye, Settings};
-
-const TOLERANCE_PX: f64 = 0.5;
 
 fn rendered(scene: &Scene, number: u64, seconds: f64) -> Vec<u8> {
     let header = FrameHeader::grey(scene.width(), scene.height(), 0, number as u32);
@@ -24,56 +22,74 @@ fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
-/// How far centre and corners are off, the farthest first.
-fn deviation(found: &TagDetection, truth: &PlacedTag) -> f64 {
-    let corners = found.corners.iter().zip(truth.corners);
-    let distances = corners.map(|(&found, truth)| distance(found, truth));
-    distances.fold(distance(found.centre, truth.centre), f64::max)
-}
-
-/// The worst and the mean deviation over frames of the scene, each of whose tags must be found.
-fn survey(scene: &Scene, frames: impl Iterator<Item = u64>, rate: f64) -> (f64, f64) {
-    let mut eye = Eye::new(Settings::default());
-    let mut deviations = Vec::new();
+/// Found corners minus true ones over some frames of a scene, each of whose tags must be found.
+fn survey(scene: &Scene, settings: Settings, frames: impl Iterator<Item = u64>) -> Vec<[f64; 2]> {
+    let mut eye = Eye::new(settings);
+    let mut offsets = Vec::new();
     for number in frames {
-        let seconds = number as f64 / rate;
+        let seconds = number as f64 / 30.0;
         let found = look(&mut eye, &rendered(scene, number, seconds));
         assert_eq!(found.len(), TAG_IDS.len(), "frame {number}");
-        for truth in scene.tags_at(seconds) {
-            let tag = found.iter().find(|tag| tag.id == truth.id as i32);
-            let tag = tag.unwrap_or_else(|| panic!("frame {number}: no tag {}", truth.id));
-            assert_eq!((tag.family.as_str(), tag.hamming), ("tag36h11", 0));
-            deviations.push(deviation(tag, &truth));
+        for (tag, truth) in found.iter().zip(scene.tags_at(seconds)) {
+            assert_eq!((tag.id, tag.hamming), (truth.id as i32, 0));
+            assert_eq!(tag.family, "tag36h11");
+            assert!(distance(tag.centre, truth.centre) < 0.5);
+            let corners = tag.corners.iter().zip(truth.corners);
+            offsets
+                .extend(corners.map(|(found, truth)| [found[0] - truth[0], found[1] - truth[1]]));
         }
     }
-    let worst = deviations.iter().copied().fold(0.0, f64::max);
-    (
-        worst,
-        deviations.iter().sum::<f64>() / deviations.len() as f64,
-    )
+    offsets
+}
+
+/// How far corners are off: the median, all but one in a hundred, all.
+fn deviations(offsets: &[[f64; 2]]) -> (f64, f64, f64) {
+    let mut sorted: Vec<f64> = offsets.iter().map(|[x, y]| x.hypot(*y)).collect();
+    sorted.sort_by(f64::total_cmp);
+    let at = |part: f64| sorted[((sorted.len() - 1) as f64 * part) as usize];
+    let result = (at(0.5), at(0.99), at(1.0));
+    println!("{result:.3?} px");
+    result
 }
 
 #[test]
 fn every_tag_of_the_scene_is_found_at_its_true_place() {
-    let scene = Scene::new(640, 480);
-    let (worst, mean) = survey(&scene, (0..3600).step_by(37), 30.0);
-    println!("worst {worst:.3} px, mean {mean:.3} px");
-    assert!(worst <= TOLERANCE_PX, "a corner is {worst} px off");
+    let frames = (0..3600).step_by(37);
+    let offsets = survey(&Scene::new(640, 480), Settings::default(), frames);
+    let (median, most, all) = deviations(&offsets);
+    assert!(median < 0.15 && most < 0.5 && all < 0.7);
+}
+
+/// Without refinement the detector leans 0.07 px to the upper left, in any picture.
+#[test]
+fn with_refined_edges_nothing_is_left_but_chance() {
+    let settings = Settings {
+        refine_edges: true,
+        ..Settings::default()
+    };
+    let frames = (0..3600).step_by(37);
+    let offsets = survey(&Scene::new(640, 480), settings, frames);
+    let (median, most, all) = deviations(&offsets);
+    assert!(median < 0.1 && most < 0.3 && all < 0.5);
+    for axis in [0, 1] {
+        let mean = offsets.iter().map(|offset| offset[axis]).sum::<f64>() / offsets.len() as f64;
+        assert!(mean.abs() < 0.01, "the mean offset is {mean} px");
+    }
 }
 
 #[test]
 fn the_smallest_scene_still_shows_its_tags() {
-    let scene = Scene::new(320, 240);
-    let (worst, mean) = survey(&scene, (0..3600).step_by(53), 30.0);
-    println!("worst {worst:.3} px, mean {mean:.3} px");
-    assert!(worst <= TOLERANCE_PX, "a corner is {worst} px off");
+    let frames = (0..3600).step_by(53);
+    let offsets = survey(&Scene::new(320, 240), Settings::default(), frames);
+    let (median, most, all) = deviations(&offsets);
+    assert!(median < 0.15 && most < 0.5 && all < 0.7);
 }
 
 #[test]
 fn a_scene_of_another_shape_shows_its_tags_too() {
-    let scene = Scene::new(1280, 400);
-    let (worst, _) = survey(&scene, (0..900).step_by(101), 30.0);
-    assert!(worst <= TOLERANCE_PX, "a corner is {worst} px off");
+    let frames = (0..900).step_by(101);
+    let offsets = survey(&Scene::new(1280, 400), Settings::default(), frames);
+    assert!(deviations(&offsets).2 < 0.7);
 }
 
 #[test]

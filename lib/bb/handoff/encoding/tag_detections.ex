@@ -23,7 +23,7 @@ defmodule BB.Handoff.Encoding.TagDetections do
   @detection [:string, :i32, :i32, :f32, :f32, @point, {:array, @point, 4}, {:array, :f64, 9}]
   # magic, version, frame's sequence, camera's own count, width, height, flags, capture time, angular speed
   @tail [:u32, :u32, :u64, :u32, :u32, :u32, :u32, :u64, :f64]
-  @types [Header.type(), {:sequence, @detection}, @tail]
+  @types [Header.type(), {:sequence, @detection}, {:align, 8}, @tail]
 
   @impl BB.Handoff.Encoding
   def content, do: "apriltag_msgs/msg/AprilTagDetectionArray"
@@ -33,7 +33,7 @@ defmodule BB.Handoff.Encoding.TagDetections do
 
   @impl BB.Handoff.Encoding
   def decode(data) do
-    with {:ok, [header, detections, tail]} <- Cdr.decode(data, @types),
+    with {:ok, [header, detections, nil, tail]} <- Cdr.decode(data, @types),
          {:ok, frame} <- parse_tail(tail) do
       {wall_time, frame_id} = Header.parse(header)
       attrs = Map.put(frame, :detections, Enum.map(detections, &parse_detection/1))

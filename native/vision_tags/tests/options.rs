@@ -1,0 +1,110 @@
+//! How the detector is called, and what it says to a wrong call.
+
+use conduit_ring::Topic;
+use program::Failure;
+use vision_tags::eye::Settings;
+use vision_tags::options::{Call, HELP, Options};
+
+const TOPICS: [&str; 4] = ["--frames", "f", "--detections", "d"];
+
+fn parse(more: &[&str]) -> Result<Call, Failure> {
+    Call::parse([&TOPICS, more].concat())
+}
+
+fn options(more: &[&str]) -> Options {
+    match parse(more) {
+        Ok(Call::Run(options)) => options,
+        other => panic!("{more:?}: {other:?}"),
+    }
+}
+
+fn refusal<T: std::fmt::Debug>(result: Result<T, Failure>) -> String {
+    match result {
+        Err(Failure::Usage(text)) => text,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn two_topics_are_enough() {
+    let options = options(&[]);
+    assert_eq!(
+        (options.frames.name(), options.detections.name()),
+        ("f", "d")
+    );
+    assert_eq!(options.imu, None);
+    assert_eq!(options.settings, Settings::default());
+}
+
+#[test]
+fn unless_told_otherwise_it_looks_as_the_reference_does() {
+    let settings = Settings::default();
+    assert_eq!(settings.family, "tag36h11");
+    assert_eq!(settings.quad_decimate, 1.0);
+    assert!(!settings.refine_edges);
+}
+
+#[test]
+fn everything_can_be_set() {
+    let options = options(&[
+        "--imu=i",
+        "--family=tag25h9",
+        "--threads=2",
+        "--quad-decimate=1.5",
+        "--refine-edges",
+        "--exit-with-stdin",
+    ]);
+    assert_eq!(options.imu, Topic::new("i").ok());
+    let settings = Settings {
+        family: "tag25h9",
+        threads: 2,
+        quad_decimate: 1.5,
+        refine_edges: true,
+    };
+    assert_eq!(options.settings, settings);
+    assert!(options.exit_with_stdin);
+}
+
+#[test]
+fn wrong_values_are_refused_with_what_is_accepted() {
+    for (option, value, accepted) in [
+        ("--family", "tag36h10", "tag36h11, tag25h9, tag16h5"),
+        ("--threads", "0", "1 to 16"),
+        ("--quad-decimate", "2.5", "1, 1.5, 2"),
+        ("--quad-decimate", "0.5", "1, 1.5, 2"),
+        ("--imu", "a b", "1 to 200 of A-Z"),
+    ] {
+        let text = refusal(parse(&[option, value]));
+        let start = format!("{option} was given {value:?}; accepted: ");
+        assert!(
+            text.starts_with(&start) && text.contains(accepted),
+            "{text}"
+        );
+    }
+}
+
+#[test]
+fn topics_that_are_the_same_are_refused() {
+    for clash in [["--detections", "f"], ["--imu", "f"], ["--imu", "d"]] {
+        let text = refusal(parse(&clash));
+        assert!(text.contains("topics that differ"), "{text}");
+    }
+}
+
+#[test]
+fn missing_topics_are_named() {
+    let text = refusal(Call::parse(["--frames", "f"]));
+    assert!(text.starts_with("--detections is missing"), "{text}");
+    let text = refusal(Call::parse(["--detections", "d"]));
+    assert!(text.starts_with("--frames is missing"), "{text}");
+}
+
+#[test]
+fn help_tells_of_every_option() {
+    assert_eq!(parse(&["--help"]), Ok(Call::Help));
+    let unknown = refusal(parse(&["--nonsense"]));
+    let (_, accepted) = unknown.split_once("accepted: ").expect("what is accepted");
+    for option in accepted.split(' ') {
+        assert!(HELP.contains(&format!("  {option}")), "{option}");
+    }
+}

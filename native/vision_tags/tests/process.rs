@@ -1,0 +1,370 @@
+//! The detector as a process between real rings: what it tells of what it gets, how it fails and how it ends.
+
+#[path = "../../program/tests/support/process.rs"]
+mod process;
+#[path = "../../program/tests/support/shared_data.rs"]
+mod shared_data;
+
+use camera::options::{Options, Picture};
+use camera::scene::{Scene, TAG_IDS};
+use conduit_ring::{
+    ContentTag, Geometry, Info, Publisher, PublisherOptions, Read, Subscriber, Topic, clock,
+};
+use ganglion_messages::frame::{self, FrameHeader};
+use ganglion_messages::imu::{self, Imu};
+use ganglion_messages::stamp::Stamp;
+use ganglion_messages::tags::{self, FrameSource, TagDetections};
+use process::{
+    PATIENCE, Process, await_end, call, next_message, said_one_line, subscribe, unique_topic,
+};
+use program::Log;
+use program::stop::Stop;
+use shared_data::tags_folder;
+use std::thread;
+use std::time::{Duration, Instant};
+
+const VISION_TAGS: &str = env!("CARGO_BIN_EXE_vision_tags");
+const RATE: f64 = 20.0;
+
+/// The three topics of a test, and the detector between them.
+struct Setup {
+    frames: Topic,
+    imu: Topic,
+    detections: Subscriber,
+    detector: Process,
+}
+
+fn setup(name: &str, more: &[&str]) -> Setup {
+    let [frames, imu, detections] =
+        ["frames", "imu", "tags"].map(|part| unique_topic(&format!("{name}.{part}")));
+    Setup {
+        detector: start(&frames, &imu, &detections, more),
+        detections: subscribe(&detections),
+        frames,
+        imu,
+    }
+}
+
+fn start(frames: &Topic, imu: &Topic, detections: &Topic, more: &[&str]) -> Process {
+    let [frames, imu, detections] = [frames, imu, detections].map(Topic::name);
+    let topics = ["--frames", frames, "--imu", imu, "--detections", detections];
+    Process::start(VISION_TAGS, &[&topics, more].concat())
+}
+
+impl Setup {
+    fn next_detections(&mut self) -> TagDetections {
+        let (_, message) = next_message(&mut self.detections);
+        TagDetections::decode(&message).expect("detections")
+    }
+}
+
+/// A camera in a thread; it ends when dropped.
+struct Camera(Stop, Option<thread::JoinHandle<()>>);
+
+impl Camera {
+    fn start(topic: &Topic) -> Camera {
+        let (width, height) = (320, 240);
+        Camera::showing(Picture::Scene { width, height }, topic)
+    }
+
+    fn showing(picture: Picture, topic: &Topic) -> Camera {
+        let stop = Stop::new();
+        let options = Options {
+            topic: topic.clone(),
+            rate_hz: RATE,
+            picture,
+            slots: 4,
+            exit_with_stdin: false,
+        };
+        let stopped = stop.clone();
+        let thread = thread::spawn(move || {
+            camera::run(&options, &stopped, Log::of("camera")).expect("a camera");
+        });
+        Camera(stop, Some(thread))
+    }
+}
+
+impl Drop for Camera {
+    fn drop(&mut self) {
+        self.0.request();
+        let ended = self.1.take().map(thread::JoinHandle::join);
+        assert!(thread::panicking() || matches!(ended, Some(Ok(()))));
+    }
+}
+
+fn open(topic: &Topic, encoding: Option<&str>, largest: u32) -> Publisher {
+    let options = PublisherOptions {
+        geometry: Geometry::depth(16, largest).expect("a geometry"),
+        content: encoding.map_or(ContentTag::RAW, ContentTag::of),
+        ..PublisherOptions::default()
+    };
+    Publisher::open(topic, &options).expect("a publisher")
+}
+
+/// A frame of nothing, captured now.
+fn blank(frame_id: u32) -> Vec<u8> {
+    let header = FrameHeader::grey(64, 48, clock::now_ns(), frame_id);
+    let mut message = header.encode().to_vec();
+    message.resize(FrameHeader::SIZE + 64 * 48, 100);
+    message
+}
+
+/// Publishes a frame again and again until detections come: the detector may not be there yet. Each time some time
+/// passes first in which it can look at what was published before.
+fn publish_until_seen(frames: &mut Publisher, message: &[u8], setup: &mut Setup) -> TagDetections {
+    let pause = Duration::from_millis(20);
+    let mut told = Vec::new();
+    loop {
+        let read = setup.detections.read_timeout(&mut told, pause);
+        if matches!(read, Ok(Read::Message(_))) {
+            return TagDetections::decode(&told).expect("detections");
+        }
+        frames.publish(message).expect("it fits");
+    }
+}
+
+#[test]
+fn the_tags_of_a_cameras_frames_are_told_with_their_true_places() {
+    let mut setup = setup("truth", &[]);
+    let _camera = Camera::start(&setup.frames);
+    let scene = Scene::new(320, 240);
+    let mut last = None;
+    for _ in 0..5 {
+        let told = setup.next_detections();
+        let source = told.source.expect("a frame");
+        assert_eq!((source.image_width, source.image_height), (320, 240));
+        assert_eq!(source.frame_sequence, u64::from(source.frame_id));
+        assert!(last < Some(source.frame_id));
+        assert_eq!(source.angular_speed, None);
+        assert_eq!(told.frame_id, setup.frames.name());
+        let wall_ns = told.stamp.unix_ns() - clock::realtime_offset_ns();
+        assert!(wall_ns.abs_diff(source.capture_time_ns as i64) < 1_000_000_000);
+        let seconds = f64::from(source.frame_id) / RATE;
+        assert_eq!(told.detections.len(), TAG_IDS.len());
+        for (tag, truth) in told.detections.iter().zip(scene.tags_at(seconds)) {
+            assert_eq!((tag.id, tag.family.as_str()), (truth.id as i32, "tag36h11"));
+            for (corner, true_corner) in tag.corners.iter().zip(truth.corners) {
+                assert!((corner[0] - true_corner[0]).hypot(corner[1] - true_corner[1]) < 1.0);
+            }
+        }
+        last = Some(source.frame_id);
+    }
+    assert_eq!(
+        setup.detections.content(),
+        Some(ContentTag::of(tags::ENCODING))
+    );
+}
+
+#[test]
+fn the_tags_of_photographs_are_told_photograph_by_photograph() {
+    let Some(folder) = tags_folder() else { return };
+    let mut setup = setup("photographs", &[]);
+    let _camera = Camera::showing(Picture::Photographs(folder), &setup.frames);
+    let mut seen = [false; 2];
+    while seen.contains(&false) {
+        let told = setup.next_detections();
+        let photograph = told.source.expect("a frame").frame_id as usize % 2;
+        assert_eq!(told.detections.len(), [12, 10][photograph]);
+        seen[photograph] = true;
+    }
+}
+
+#[test]
+fn a_camera_may_go_and_come_back() {
+    let mut setup = setup("back", &[]);
+    for _ in 0..2 {
+        let _camera = Camera::start(&setup.frames);
+        let mut source = setup.next_detections().source.expect("a frame");
+        while source.frame_id < 2 {
+            source = setup.next_detections().source.expect("a frame");
+        }
+    }
+}
+
+#[test]
+fn a_frame_without_tags_is_told_too() {
+    let mut setup = setup("blank", &[]);
+    let mut frames = open(&setup.frames, Some(frame::ENCODING), 10_000);
+    let before_ns = clock::now_ns();
+    let told = publish_until_seen(&mut frames, &blank(7), &mut setup);
+    assert_eq!(told.detections, []);
+    let source = told.source.expect("a frame");
+    assert_eq!(source.frame_id, 7);
+    assert!(source.capture_time_ns > before_ns);
+}
+
+#[test]
+fn messages_that_are_no_frames_are_refused_and_the_next_frame_is_seen() {
+    let mut setup = setup("refused", &[]);
+    let mut frames = open(&setup.frames, None, 10_000);
+    publish_until_seen(&mut frames, &blank(0), &mut setup);
+    let mut colour = blank(1);
+    colour[12..16].copy_from_slice(b"YUYV");
+    let cut = blank(1)[..200].to_vec();
+    for message in [vec![], vec![0; 43], vec![0xFF; 5000], cut, colour] {
+        frames.publish(&message).unwrap();
+        let told = publish_until_seen(&mut frames, &blank(9), &mut setup);
+        assert_eq!(told.source.expect("a frame").frame_id, 9);
+    }
+    let stderr = end(setup);
+    let refusals = stderr.lines().filter(|line| line.contains("was refused"));
+    assert_eq!(refusals.count(), 1, "{stderr}");
+}
+
+/// Asks the detector to end and gives what it said.
+fn end(setup: Setup) -> String {
+    setup.detector.terminate();
+    let ended = setup.detector.end();
+    assert_eq!(ended.status, Some(0), "{}", ended.stderr);
+    ended.stderr
+}
+
+#[test]
+fn a_topic_of_another_encoding_is_refused_once_and_for_all_its_messages() {
+    let mut setup = setup("foreign", &[]);
+    {
+        let mut frames = open(&setup.frames, Some(imu::ENCODING), 10_000);
+        frames.publish(&blank(1)).unwrap();
+    }
+    let mut frames = open(&setup.frames, Some(frame::ENCODING), 10_000);
+    let told = publish_until_seen(&mut frames, &blank(2), &mut setup);
+    assert_eq!(told.source.expect("a frame").frame_id, 2);
+}
+
+/// Publishes samples of a turn and blank frames by turns until the detector knows the speed.
+fn told_with_speed(setup: &mut Setup, sample: impl Fn() -> Imu) -> FrameSource {
+    let mut frames = open(&setup.frames, Some(frame::ENCODING), 10_000);
+    let mut samples = open(&setup.imu, Some(imu::ENCODING), 1000);
+    loop {
+        samples.publish(&sample().encode()).expect("it fits");
+        let told = publish_until_seen(&mut frames, &blank(0), setup);
+        let source = told.source.expect("a frame");
+        if source.angular_speed.is_some() {
+            return source;
+        }
+    }
+}
+
+fn turn(stamp: Stamp) -> Imu {
+    Imu {
+        stamp,
+        angular_velocity: [2.0, -3.0, 6.0],
+        ..Imu::default()
+    }
+}
+
+#[test]
+fn the_angular_speed_at_the_time_of_capture_is_told_once_the_imu_is_there() {
+    let mut setup = setup("speed", &[]);
+    let now = || Stamp::from_unix_ns(clock::now_ns() as i64 + clock::realtime_offset_ns());
+    let source = told_with_speed(&mut setup, || turn(now()));
+    assert_eq!(source.angular_speed, Some(7.0));
+}
+
+#[test]
+fn an_imu_whose_clock_was_never_set_counts_by_the_time_of_its_messages() {
+    let mut setup = setup("unset", &[]);
+    let source = told_with_speed(&mut setup, || turn(Stamp::default()));
+    assert_eq!(source.angular_speed, Some(7.0));
+}
+
+#[test]
+fn sigterm_ends_it_with_its_topic_closed_whatever_it_waits_for() {
+    let mut setup = setup("sigterm", &[]);
+    {
+        let mut frames = open(&setup.frames, Some(frame::ENCODING), 10_000);
+        publish_until_seen(&mut frames, &blank(0), &mut setup);
+    }
+    setup.detector.terminate();
+    let ended = setup.detector.end();
+    assert_eq!(ended.status, Some(0), "{}", ended.stderr);
+    await_end(&mut setup.detections);
+    assert!(!setup.detections.topic().path().exists());
+}
+
+#[test]
+fn a_detector_that_was_killed_is_followed_by_the_next_on_the_same_topic() {
+    let mut setup = setup("killed", &[]);
+    let _camera = Camera::start(&setup.frames);
+    let (before, _) = next_message(&mut setup.detections);
+    setup.detector.kill();
+    let killed_ns = clock::now_ns();
+    setup.detector = start(&setup.frames, &setup.imu, setup.detections.topic(), &[]);
+    loop {
+        let (meta, message) = next_message(&mut setup.detections);
+        assert!(meta.sequence > before.sequence && meta.lost == 0);
+        let told = TagDetections::decode(&message).expect("detections");
+        if told.source.expect("a frame").capture_time_ns > killed_ns {
+            return;
+        }
+    }
+}
+
+#[test]
+fn when_it_ends_it_lets_go_of_the_topics_that_it_read() {
+    let setup = setup("let_go", &[]);
+    let _frames = open(&setup.frames, Some(frame::ENCODING), 10_000);
+    let mut samples = open(&setup.imu, Some(imu::ENCODING), 1000);
+    let topics = [setup.frames.clone(), setup.imu.clone()];
+    let readers = || {
+        topics
+            .each_ref()
+            .map(|topic| Info::read(topic).expect("a topic").readers.len())
+    };
+    let deadline = Instant::now() + PATIENCE;
+    while readers() != [1, 1] {
+        assert!(Instant::now() < deadline, "it does not subscribe");
+        samples.publish(&Imu::default().encode()).expect("it fits");
+        thread::sleep(Duration::from_millis(1));
+    }
+    end(setup);
+    assert_eq!(readers(), [0, 0]);
+}
+
+#[test]
+fn the_end_of_stdin_ends_it_when_that_was_asked_for() {
+    let mut setup = setup("stdin", &["--exit-with-stdin"]);
+    let _camera = Camera::start(&setup.frames);
+    setup.next_detections();
+    setup.detector.close_stdin();
+    let ended = setup.detector.end();
+    assert_eq!(ended.status, Some(0), "{}", ended.stderr);
+    assert!(!setup.detections.topic().path().exists());
+}
+
+#[test]
+fn help_is_an_answer_and_no_failure() {
+    let ended = call(VISION_TAGS, &["--help"]);
+    assert_eq!(
+        (ended.status, ended.stdout.as_str()),
+        (Some(0), vision_tags::options::HELP)
+    );
+}
+
+#[test]
+fn a_wrong_call_is_one_line_and_status_2() {
+    let family = ["--frames", "f", "--detections", "d", "--family", "tag9h9"];
+    for arguments in [
+        &family[..],
+        &["--nonsense"],
+        &[],
+        &["--frames", "a", "--detections", "a"],
+    ] {
+        let ended = call(VISION_TAGS, arguments);
+        assert_eq!(ended.status, Some(2), "{arguments:?}");
+        assert!(said_one_line(&ended, "vision_tags"), "{ended:?}");
+    }
+}
+
+#[test]
+fn a_detections_topic_with_a_live_publisher_is_one_line_and_status_1() {
+    let (frames, taken) = (unique_topic("free"), unique_topic("taken"));
+    let _publisher = Publisher::open(&taken, &PublisherOptions::default()).unwrap();
+    let ended = call(
+        VISION_TAGS,
+        &["--frames", frames.name(), "--detections", taken.name()],
+    );
+    assert_eq!(ended.status, Some(1));
+    assert!(said_one_line(&ended, "vision_tags"), "{ended:?}");
+    assert!(ended.stderr.contains(taken.name()), "{ended:?}");
+}

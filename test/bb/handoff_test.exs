@@ -1,0 +1,226 @@
+defmodule BB.HandoffTest do
+  use ExUnit.Case, async: true
+
+  import BB.Test.Native
+  import BB.Test.Robot
+  import ExUnit.CaptureLog
+
+  alias BB.Handoff.Encoding
+  alias BB.Math.{Quaternion, Vec3}
+  alias BB.Message.Sensor.{Imu, Range}
+  alias BB.Message.Vision.TagDetections
+  alias BB.Ring.{Message, Publisher, Subscriber}
+  alias BB.Test.Vectors
+
+  @path [:sensor, :base_link, :imu]
+
+  defp outlet_robot(topic, opts \\ []) do
+    opts =
+      [from: [:sensor, :base_link], topic: topic, encoding: Encoding.Imu] |> Keyword.merge(opts)
+
+    create(
+      quote do
+        sensors do
+          sensor :outlet, {BB.Handoff.Outlet, unquote(opts)}
+        end
+      end
+    )
+  end
+
+  defp inlet_robot(topic, opts \\ []) do
+    opts = [topic: topic, encoding: Encoding.TagDetections] |> Keyword.merge(opts)
+
+    create(
+      quote do
+        sensors do
+          sensor :inlet, {BB.Handoff.Inlet, unquote(opts)}
+        end
+      end
+    )
+  end
+
+  defp start_up!(robot, name) do
+    start_supervised!(robot)
+    eventually(fn -> health(robot, name).state == :up end)
+    robot
+  end
+
+  defp imu(x) do
+    BB.Message.new!(Imu, :imu,
+      orientation: Quaternion.identity(),
+      angular_velocity: Vec3.new(x, 0.0, 0.0),
+      linear_acceleration: Vec3.zero()
+    )
+  end
+
+  describe "an outlet" do
+    test "carries a path and what lies below it into its topic, in order, with the name of the encoding" do
+      topic = topic()
+      robot = start_up!(outlet_robot(topic), :outlet)
+      {:ok, %{ref: ref}} = Subscriber.open(topic, active: true)
+      for n <- 1..5, do: BB.publish(robot, @path, imu(n / 1))
+
+      for n <- 1..5 do
+        x = n / 1
+        assert_receive {:bb_ring, ^ref, %Message{data: data, lost: 0}}, 2000
+        assert {:ok, %{payload: %Imu{angular_velocity: %{x: ^x}}}} = Encoding.Imu.decode(data)
+      end
+
+      assert {:ok, %{published: 5, too_large: 0}} = BB.Handoff.stats(robot, :outlet)
+    end
+
+    test "leaves messages of other payloads alone" do
+      topic = topic()
+      robot = start_up!(outlet_robot(topic), :outlet)
+
+      range = [
+        radiation_type: :infrared,
+        field_of_view: 0.1,
+        min_range: 0.0,
+        max_range: 1.0,
+        range: 0.5
+      ]
+
+      BB.publish(robot, @path, BB.Message.new!(Range, :front, range))
+      BB.publish(robot, @path, imu(1.0))
+
+      eventually(fn ->
+        BB.Handoff.stats(robot, :outlet) == {:ok, %{published: 1, too_large: 0}}
+      end)
+    end
+
+    test "counts and logs a message that does not fit, and goes on" do
+      topic = topic()
+
+      log =
+        capture_log(fn ->
+          robot = start_up!(outlet_robot(topic, slot_size: 128), :outlet)
+          for n <- 1..3, do: BB.publish(robot, @path, imu(n / 1))
+
+          eventually(fn ->
+            BB.Handoff.stats(robot, :outlet) == {:ok, %{published: 0, too_large: 3}}
+          end)
+        end)
+
+      assert [_before, _after] = String.split(log, "longer than the topic's slots")
+    end
+
+    test "whose topic has a live publisher goes to backoff, and comes up when that one leaves" do
+      topic = topic()
+      {:ok, publisher} = Publisher.open(topic)
+      robot = outlet_robot(topic)
+      start_supervised!(robot)
+
+      assert %{reason: reason} =
+               eventually(fn -> (h = health(robot, :outlet)).state == :backoff && h end)
+
+      assert inspect(reason) =~ "publisher_alive"
+      :ok = Publisher.close(publisher)
+      eventually(fn -> health(robot, :outlet).state == :up end)
+    end
+
+    test "that is killed goes on in place: its readers lose nothing that was published" do
+      topic = topic()
+      robot = start_up!(outlet_robot(topic), :outlet)
+      {:ok, %{ref: ref}} = Subscriber.open(topic, active: true)
+      BB.publish(robot, @path, imu(1.0))
+      assert_receive {:bb_ring, ^ref, %Message{sequence: 0}}, 2000
+      robot |> BB.Process.whereis(:outlet) |> Process.exit(:kill)
+
+      eventually(fn ->
+        health(robot, :outlet).restarts == 1 and health(robot, :outlet).state == :up
+      end)
+
+      BB.publish(robot, @path, imu(2.0))
+      assert_receive {:bb_ring, ^ref, %Message{sequence: 1, lost: 0}}, 2000
+    end
+
+    test "that stops ends its topic" do
+      topic = topic()
+      robot = start_up!(outlet_robot(topic), :outlet)
+      assert {:ok, %{state: :live}} = BB.Ring.info(topic)
+      stop_supervised!(robot)
+      assert {:error, {:no_topic, _}} = BB.Ring.info(topic)
+    end
+  end
+
+  describe "an inlet" do
+    test "carries a topic onto its own path" do
+      topic = topic()
+      robot = start_up!(inlet_robot(topic), :inlet)
+      {:ok, _} = BB.subscribe(robot, [:sensor, :inlet])
+      publish_vectors(topic, 1)
+
+      assert_receive {:bb, [:sensor, :inlet],
+                      %{payload: %TagDetections{detections: [_, _]}, robot: ^robot}},
+                     2000
+    end
+
+    test "or onto the path that it is given" do
+      topic = topic()
+      robot = start_up!(inlet_robot(topic, to: [:sensor, :camera, :tags]), :inlet)
+      {:ok, _} = BB.subscribe(robot, [:sensor, :camera])
+      publish_vectors(topic, 1)
+      assert_receive {:bb, [:sensor, :camera, :tags], %{payload: %TagDetections{}}}, 2000
+    end
+
+    test "gives its credits back: what is far more than its credits arrives whole" do
+      topic = topic()
+      robot = start_up!(inlet_robot(topic, credits: 3), :inlet)
+      {:ok, _} = BB.subscribe(robot, [:sensor])
+      publish_vectors(topic, 100)
+      for _ <- 1..100, do: assert_receive({:bb, _, %{payload: %TagDetections{}}}, 2000)
+      assert {:ok, %{published: 100, lost: 0, malformed: 0}} = BB.Handoff.stats(robot, :inlet)
+    end
+
+    test "counts what does not decode, logs the first of a row, and goes on" do
+      topic = topic()
+
+      log =
+        capture_log(fn ->
+          robot = start_up!(inlet_robot(topic), :inlet)
+          {:ok, _} = BB.subscribe(robot, [:sensor])
+          {:ok, publisher} = open_read(topic)
+          for _ <- 1..3, do: :ok = Publisher.publish(publisher, "nonsense")
+          :ok = Publisher.publish(publisher, Vectors.read!("tags.hex"))
+          assert_receive {:bb, _, %{payload: %TagDetections{}}}, 2000
+          assert {:ok, %{published: 1, malformed: 3}} = BB.Handoff.stats(robot, :inlet)
+        end)
+
+      assert [_before, _after] = String.split(log, "does not decode")
+    end
+  end
+
+  test "the counters of one that is down are an error" do
+    topic = topic()
+    {:ok, _publisher} = Publisher.open(topic)
+    robot = outlet_robot(topic)
+    start_supervised!(robot)
+    eventually(fn -> health(robot, :outlet).state == :backoff end)
+    assert {:error, :not_running} = BB.Handoff.stats(robot, :outlet)
+  end
+
+  test "wrong options fail the start of the robot with what is accepted" do
+    for opts <- [[encoding: NoEncoding], [from: "imu"], [slot_count: 3]] do
+      robot = outlet_robot("t", opts)
+      assert {:error, %BB.Options.ValidationError{} = error} = robot.start_link()
+      assert Exception.message(error) =~ to_string(opts |> Keyword.keys() |> hd())
+    end
+  end
+
+  test "a topic name that is not allowed fails the start of the robot" do
+    assert {:error, %BB.Options.ValidationError{} = error} = outlet_robot("a/b").start_link()
+    assert Exception.message(error) =~ "A-Z a-z 0-9 _ . -"
+  end
+
+  defp open_read(topic) do
+    {:ok, publisher} = Publisher.open(topic, slot_count: 128)
+    eventually(fn -> match?({:ok, %{readers: [_]}}, BB.Ring.info(topic)) end)
+    {:ok, publisher}
+  end
+
+  defp publish_vectors(topic, count) do
+    {:ok, publisher} = open_read(topic)
+    for _ <- 1..count, do: :ok = Publisher.publish(publisher, Vectors.read!("tags.hex"))
+  end
+end

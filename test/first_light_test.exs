@@ -1,0 +1,272 @@
+defmodule FirstLightTest do
+  @moduledoc "The main job, end to end: the simulated chip, the ring, the camera and the detector as they ship."
+  use ExUnit.Case, async: true
+
+  import BB.Test.Native
+  import BB.Test.Robot
+
+  alias BB.Bus.Sim
+  alias BB.Message.Sensor.{Imu, Status}
+  alias BB.Message.Vision.TagDetections
+
+  @moduletag timeout: 120_000
+
+  @imu [:sensor, :base_link, :imu]
+  @tags [:sensor, :camera, :tags]
+  @address 0x68
+
+  # The shipped robot's parts with a bus and topics of their own, so that tests run beside each other.
+  defp start_robot!(opts) do
+    bus = "i2c-test-#{System.unique_integer([:positive])}"
+
+    devices =
+      if opts[:imu] == :absent, do: %{}, else: %{@address => {Sim.Mpu6050, source: :motion}}
+
+    start_supervised!({Sim, buses: %{bus => [devices: devices]}})
+    topics = %{imu: topic("imu"), camera: topic("camera"), tags: topic("tags")}
+    robot = create(declaration(bus, topics, opts[:camera_args] || []))
+    start_supervised!(robot)
+    Map.merge(topics, %{robot: robot, bus: bus})
+  end
+
+  defp declaration(bus, topics, camera_args) do
+    quote do
+      sensors do
+        sensor :imu_outlet,
+               {BB.Handoff.Outlet,
+                from: unquote(@imu), topic: unquote(topics.imu), encoding: BB.Handoff.Encoding.Imu}
+
+        sensor :inlet,
+               {BB.Handoff.Inlet,
+                topic: unquote(topics.tags),
+                encoding: BB.Handoff.Encoding.TagDetections,
+                to: unquote(@tags)}
+
+        sensor :camera,
+               {BB.Sensor.NativeProcess,
+                program: "camera",
+                topics: [topic: unquote(topics.camera)],
+                args: unquote(camera_args)}
+
+        sensor :tags,
+               {BB.Sensor.NativeProcess,
+                program: "vision_tags",
+                topics: [
+                  frames: unquote(topics.camera),
+                  imu: unquote(topics.imu),
+                  detections: unquote(topics.tags)
+                ]}
+      end
+
+      topology do
+        link :base_link do
+          sensor :imu, {BB.Sensor.Mpu6050, bus: unquote(bus), rate: 100},
+            max_silence: BB.Unit.new!(200, :millisecond)
+        end
+      end
+    end
+  end
+
+  defp next_tags,
+    do:
+      assert_receive({:bb, @tags, %BB.Message{payload: %TagDetections{} = found}}, 20_000) &&
+        found
+
+  describe "the photographs" do
+    @folder shared_data("tags")
+    unless @folder, do: @tag(skip: "../shared/data is not here")
+
+    test "all tags arrive on the pubsub, each corner within 0.2 px of the reference" do
+      %{robot: robot} = start_robot!(camera_args: ["--frames", @folder, "--rate", "5"])
+      {:ok, _} = BB.subscribe(robot, @tags)
+
+      found =
+        for _ <- 1..4, into: %{} do
+          assert_receive {:bb, @tags, %BB.Message{payload: %TagDetections{} = found}}, 20_000
+          # The camera shows the two photographs in the order of their names.
+          {rem(found.camera_frame_id, 2), found.detections}
+        end
+
+      for {file, index, count} <- [{"swarmathon_1.txt", 0, 12}, {"swarmathon_2.txt", 1, 10}] do
+        reference = reference(Path.join(@folder, file))
+        detections = Map.fetch!(found, index)
+        assert {length(reference), length(detections)} == {count, count}
+
+        for {id, corners} <- reference do
+          assert Enum.any?(
+                   detections,
+                   &(&1.id == id and worst_corner(&1.corners, corners) <= 0.2)
+                 ),
+                 "#{file}: no detection has the corners #{inspect(corners)}"
+        end
+      end
+    end
+
+    # One detection a line: id, (x y), (x y), (x y), (x y)
+    defp reference(path) do
+      for line <- File.stream!(path) do
+        [id | corners] = Regex.scan(~r/-?[\d.]+/, line) |> Enum.map(&hd/1)
+
+        {String.to_integer(id),
+         corners
+         |> Enum.map(&String.to_float/1)
+         |> Enum.chunk_every(2)
+         |> Enum.map(&List.to_tuple/1)}
+      end
+    end
+
+    defp worst_corner(corners, reference) do
+      corners
+      |> Enum.zip(reference)
+      |> Enum.map(fn {{x, y}, {rx, ry}} -> :math.sqrt((x - rx) ** 2 + (y - ry) ** 2) end)
+      |> Enum.max()
+    end
+  end
+
+  test "the rendered scene's tags arrive with the turning speed of the IMU at the time of the capture" do
+    %{robot: robot} = start_robot!(camera_args: ["--rate", "20"])
+    {:ok, _} = BB.subscribe(robot, @tags)
+
+    found =
+      eventually(fn ->
+        assert_receive {:bb, @tags, %BB.Message{payload: %TagDetections{} = found}}, 20_000
+        found.angular_speed && length(found.detections) >= 3 && found
+      end)
+
+    assert {found.image_width, found.image_height} == {640, 480}
+    age_s = (System.monotonic_time(:nanosecond) - found.capture_time) / 1.0e9
+    assert age_s > 0 and age_s < 10
+  end
+
+  test "kill -9 of the vision process: it is back, and no other sensor notices" do
+    %{robot: robot, tags: tags} = start_robot!(camera_args: ["--rate", "20"])
+    {:ok, _} = BB.subscribe(robot, @tags)
+    {:ok, _} = BB.subscribe(robot, [:sensor_status])
+    next_tags()
+    eventually(fn -> Enum.all?(BB.Sensor.health(robot), &(&1.state == :up)) end)
+    flush_status()
+    others = [:imu, :camera, :imu_outlet, :inlet]
+    pids = Map.new(others, &{&1, BB.Process.whereis(robot, &1)})
+    {:ok, %{published: before}} = BB.Handoff.stats(robot, :imu_outlet)
+
+    [vision] = processes("vision_tags", tags)
+    kill_9(vision)
+    assert_receive {:bb, [:sensor_status, :tags], %{payload: %Status{state: :backoff}}}, 5000
+
+    assert_receive {:bb, [:sensor_status, :tags], %{payload: %Status{state: :up, restarts: 1}}},
+                   5000
+
+    next_tags()
+
+    assert pids == Map.new(others, &{&1, BB.Process.whereis(robot, &1)})
+
+    for [_ | _] = path <- [[:base_link, :imu], [:camera], [:imu_outlet], [:inlet]] do
+      refute_received {:bb, [:sensor_status | ^path], _}
+    end
+
+    {:ok, %{published: now}} = BB.Handoff.stats(robot, :imu_outlet)
+    assert now > before
+    assert {:ok, %{epoch: 1}} = BB.Ring.info(tags)
+  end
+
+  defp flush_status do
+    receive do
+      {:bb, [:sensor_status | _], _} -> flush_status()
+    after
+      0 -> :ok
+    end
+  end
+
+  test "unplug and replug the IMU: backoff, then up; and the tags never stop" do
+    %{robot: robot, bus: bus} = start_robot!(camera_args: ["--rate", "20"])
+    {:ok, _} = BB.subscribe(robot, [:sensor_status, :base_link, :imu])
+    {:ok, _} = BB.subscribe(robot, @tags)
+    next_tags()
+    eventually(fn -> health(robot, :imu).state == :up end)
+
+    :ok = Sim.unplug(bus, @address)
+    assert_receive {:bb, _, %{payload: %Status{state: :backoff}}}, 5000
+    for _ <- 1..20, do: next_tags()
+    refute_received {:bb, _, %{payload: %Status{state: :up}}}
+
+    :ok = Sim.replug(bus, @address)
+    assert_receive {:bb, _, %{payload: %Status{state: :up}}}, 5000
+    {:ok, _} = BB.subscribe(robot, @imu)
+    assert_receive {:bb, @imu, %{payload: %Imu{}}}, 5000
+    next_tags()
+    assert health(robot, :tags).restarts == 0
+  end
+
+  test "an IMU that is absent at boot: the robot starts, and it publishes when it appears" do
+    %{robot: robot, bus: bus} = start_robot!(imu: :absent)
+    {:ok, _} = BB.subscribe(robot, @imu)
+    eventually(fn -> health(robot, :imu).state == :backoff end)
+    eventually(fn -> health(robot, :camera).state == :up end)
+    :ok = Sim.plug(bus, @address, {Sim.Mpu6050, source: :motion})
+    assert_receive {:bb, @imu, %{payload: %Imu{}}}, 10_000
+  end
+
+  describe "kill -9 of the BEAM" do
+    test "leaves no native process, and the next one takes the rings over" do
+      topics = [frames, _own] = [topic("camera"), topic("own")]
+      beam = start_beam(topics)
+      natives = eventually(fn -> native_processes(frames) end, 30_000)
+      before = eventually(fn -> published(topics) end, 30_000)
+      kill_9(beam.os_pid)
+      eventually(fn -> not Enum.any?(natives, &running?/1) end)
+
+      next = start_beam(topics)
+      eventually(fn -> native_processes(frames) end, 30_000)
+      [_, own] = eventually(fn -> published(topics, Enum.map(before, & &1.published)) end, 30_000)
+      assert own.epoch == 1
+      kill_9(next.os_pid)
+      eventually(fn -> native_processes(frames) == nil end)
+    end
+
+    # The camera and its guard, once there are both.
+    defp native_processes(topic) do
+      pids = processes("camera", topic) ++ processes("process_guard", topic)
+      if length(pids) == 2, do: pids
+    end
+
+    # The topics, once each is live and has more messages than a number.
+    defp published(topics, more_than \\ [0, 0]) do
+      infos =
+        for topic <- topics, {:ok, %{state: :live} = info} <- [BB.Ring.info(topic)], do: info
+
+      [_, own_before] = more_than
+
+      if match?([%{published: n}, %{published: m}] when n > 0 and m > own_before, infos),
+        do: infos
+    end
+
+    # Another BEAM, with a robot whose one sensor is the camera, and a publisher of its own.
+    defp start_beam([frames, own]) do
+      code = """
+      defmodule OtherBeam do
+        use BB
+        sensors do
+          sensor :camera, {BB.Sensor.NativeProcess, program: "camera", topics: [topic: "#{frames}"]}
+        end
+      end
+      {:ok, _} = Application.ensure_all_started(:ganglion)
+      {:ok, _} = OtherBeam.start_link()
+      {:ok, publisher} = BB.Ring.Publisher.open("#{own}")
+      Enum.each(Stream.cycle([:ok]), fn ok -> ^ok = BB.Ring.Publisher.publish(publisher, "alive") && Process.sleep(1) end)
+      """
+
+      ebin = Path.wildcard(Path.join(Mix.Project.build_path(), "lib/*/ebin"))
+      args = Enum.flat_map(ebin, &["-pa", &1]) ++ ["-e", code]
+
+      port =
+        Port.open({:spawn_executable, System.find_executable("elixir")}, [
+          :binary,
+          :stderr_to_stdout,
+          args: args
+        ])
+
+      {:os_pid, os_pid} = Port.info(port, :os_pid)
+      %{port: port, os_pid: os_pid}
+    end
+  end
+end
