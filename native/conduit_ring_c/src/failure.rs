@@ -7,6 +7,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use conduit_ring::{Error, PublishError};
 
+use crate::errno;
+
 thread_local! {
     static LAST: RefCell<CString> = RefCell::default();
 }
@@ -20,9 +22,9 @@ pub(crate) struct Failure {
 }
 
 impl Failure {
-    pub(crate) const NOTHING: Failure = Failure::plain(libc::EAGAIN);
-    pub(crate) const TIMED_OUT: Failure = Failure::plain(libc::ETIMEDOUT);
-    pub(crate) const WOKEN: Failure = Failure::plain(libc::ECANCELED);
+    pub(crate) const NOTHING: Failure = Failure::plain(errno::EAGAIN);
+    pub(crate) const TIMED_OUT: Failure = Failure::plain(errno::ETIMEDOUT);
+    pub(crate) const WOKEN: Failure = Failure::plain(errno::ECANCELED);
 
     const fn plain(errno: c_int) -> Failure {
         Failure {
@@ -40,13 +42,13 @@ impl Failure {
 
     /// The caller's mistake.
     pub(crate) fn invalid(sentence: impl Into<String>) -> Failure {
-        Failure::new(libc::EINVAL, sentence)
+        Failure::new(errno::EINVAL, sentence)
     }
 
     /// A call that panicked before left the handle as nobody knows.
     pub(crate) fn broken(what: &str) -> Failure {
         Failure::new(
-            libc::ENOTRECOVERABLE,
+            errno::ENOTRECOVERABLE,
             format!("the {what} failed inside an earlier call; close it"),
         )
     }
@@ -58,7 +60,7 @@ impl Failure {
             .or_else(|| payload.downcast_ref::<String>().map(String::as_str))
             .unwrap_or("no reason given");
         Failure::new(
-            libc::ENOTRECOVERABLE,
+            errno::ENOTRECOVERABLE,
             format!("a fault inside conduit_ring: {text}"),
         )
     }
@@ -76,13 +78,13 @@ impl Failure {
 impl From<Error> for Failure {
     fn from(error: Error) -> Failure {
         let errno = match &error {
-            Error::InvalidTopic { .. } | Error::InvalidGeometry { .. } => libc::EINVAL,
-            Error::PublisherAlive { .. } => libc::EBUSY,
-            Error::LegacyInUse { .. } => libc::EEXIST,
-            Error::NoReaderSlot { .. } => libc::EUSERS,
-            Error::NoTopic { .. } => libc::ENOENT,
-            Error::BadSegment { .. } => libc::EPROTO,
-            other => other.errno().unwrap_or(libc::EIO),
+            Error::InvalidTopic { .. } | Error::InvalidGeometry { .. } => errno::EINVAL,
+            Error::PublisherAlive { .. } => errno::EBUSY,
+            Error::LegacyInUse { .. } => errno::EEXIST,
+            Error::NoReaderSlot { .. } => errno::EUSERS,
+            Error::NoTopic { .. } => errno::ENOENT,
+            Error::BadSegment { .. } => errno::EPROTO,
+            other => other.errno().unwrap_or(errno::EIO),
         };
         Failure::new(errno, error.to_string())
     }
@@ -91,8 +93,8 @@ impl From<Error> for Failure {
 impl From<PublishError> for Failure {
     fn from(error: PublishError) -> Failure {
         let errno = match &error {
-            PublishError::TooLarge { .. } => libc::EMSGSIZE,
-            _ => libc::EIO,
+            PublishError::TooLarge { .. } => errno::EMSGSIZE,
+            _ => errno::EIO,
         };
         Failure::new(errno, error.to_string())
     }
@@ -133,17 +135,17 @@ mod tests {
 
     #[test]
     fn a_panic_becomes_an_error_with_its_text() {
-        assert_eq!(answer(|| panic!("at the disco")), -libc::ENOTRECOVERABLE);
+        assert_eq!(answer(|| panic!("at the disco")), -errno::ENOTRECOVERABLE);
         assert_eq!(last(), "a fault inside conduit_ring: at the disco");
         assert_eq!(quietly(7, || panic!("again")), 7);
     }
 
     #[test]
     fn the_sentence_stays_until_the_next_failure_of_the_same_thread() {
-        assert_eq!(answer(|| Err(Failure::invalid("a\0b"))), -libc::EINVAL);
+        assert_eq!(answer(|| Err(Failure::invalid("a\0b"))), -errno::EINVAL);
         assert_eq!(last(), "a\u{FFFD}b");
         assert_eq!(answer(|| Ok(())), 0);
-        assert_eq!(answer(|| Err(Failure::NOTHING)), -libc::EAGAIN);
+        assert_eq!(answer(|| Err(Failure::NOTHING)), -errno::EAGAIN);
         assert_eq!(last(), "a\u{FFFD}b");
         assert_eq!(std::thread::spawn(last).join().unwrap(), "");
     }

@@ -6,6 +6,7 @@
 #![allow(non_camel_case_types, reason = "the names are those of the header")]
 
 mod clock;
+mod errno;
 mod failure;
 mod geometry;
 mod info;

@@ -8,6 +8,7 @@ use conduit_ring::{
     Meta, Policy, Read, Received, Start, Stats, Subscriber, SubscriberOptions, Topic, Wait,
 };
 
+use crate::errno;
 use crate::failure::{Failure, answer};
 use crate::geometry::conduit_ring_geometry;
 use crate::message::{conduit_ring_message, conduit_ring_meta};
@@ -104,7 +105,7 @@ impl conduit_ring_subscriber {
         self.0.try_lock().map_err(|error| match error {
             TryLockError::Poisoned(_) => Failure::broken("subscriber"),
             TryLockError::WouldBlock => Failure::new(
-                libc::EALREADY,
+                errno::EALREADY,
                 "another thread is using this subscriber; one at a time may",
             ),
         })
@@ -173,7 +174,7 @@ impl Inner {
             Target::Ours(kept) => {
                 self.left_over = Some((found, kept));
                 Err(Failure::new(
-                    libc::ENOBUFS,
+                    errno::ENOBUFS,
                     format!(
                         "the message has {} bytes and the buffer {}; it is kept for the next read",
                         found.len, room.capacity

@@ -1,6 +1,6 @@
 //! The header and the Rust behind it say the same.
 //!
-//! Signatures, structs and constants are read from the Rust sources, said again in C, and compiled together with the
+//! Signatures, structs, constants and numbers of errors are read from the Rust sources, said again in C, and compiled together with the
 //! header: a signature that differs is a conflicting declaration, a struct or constant that differs a failed assertion.
 
 use std::collections::BTreeSet;
@@ -128,7 +128,11 @@ fn constants(rust: &str) -> Vec<(&str, &str)> {
 }
 
 fn said_again_in_c(rust: &str) -> String {
-    let mut c = "#include <conduit_ring.h>\n".to_owned();
+    let mut c = "#include <conduit_ring.h>\n#include <errno.h>\n".to_owned();
+    for constant in all_between(rust, "pub(crate) const E", ";") {
+        let (name, value) = constant.split_once(": c_int = ").unwrap();
+        writeln!(c, "_Static_assert(E{name} == {value}, \"E{name}\");").unwrap();
+    }
     for (_, declaration) in functions(rust) {
         writeln!(c, "{declaration}").unwrap();
     }

@@ -95,6 +95,25 @@ fn the_examples_build_and_run_by_pkg_config() {
     );
 }
 
+#[test]
+fn the_programs_of_the_guide_compile() {
+    let guide = fs::read_to_string(home().join("../../docs/guides/cpp.md")).unwrap();
+    let programs: Vec<&str> = guide
+        .split("```cpp\n")
+        .skip(1)
+        .map(|rest| rest.split("```").next().unwrap())
+        .collect();
+    assert!(!programs.is_empty());
+    for program in programs {
+        let Some(mut compile) = Language::Cpp.compile() else {
+            return;
+        };
+        let source = fresh_folder("guide").join("program.cpp");
+        fs::write(&source, program).unwrap();
+        succeed(compile.arg("-fsyntax-only").arg(&source));
+    }
+}
+
 const PROJECT: &str = "\
 cmake_minimum_required(VERSION 3.19)
 project(user LANGUAGES C CXX)
