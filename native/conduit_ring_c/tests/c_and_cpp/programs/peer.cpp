@@ -3,8 +3,8 @@
 //        peer flood TOPIC 0          publishes without end, message n being number n of the ring
 //        peer follow TOPIC COUNT     prints "ready", "following" after the first message and "whole" after COUNT, whatever
 //                                    becomes of their publisher
-//        peer node TOPIC 0           a node with loops, subscriptions and a slow callback: prints "running", and
-//                                    "joined THREADS" when run() has returned
+//        peer node TOPIC 0           a node with loops and subscriptions: prints "running", and
+//                                    "joined", and how many threads are left, when run() has returned
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -106,11 +106,18 @@ private:
   std::atomic<bool> running_{false};
 };
 
+std::ptrdiff_t threads() {
+  using Tasks = std::filesystem::directory_iterator;
+  return std::distance(Tasks("/proc/self/task"), Tasks());
+}
+
 void node(const std::string& topic) {
   Busy busy(topic);
   busy.run();
-  using Tasks = std::filesystem::directory_iterator;
-  say("joined " + std::to_string(std::distance(Tasks("/proc/self/task"), Tasks())));
+  // A thread that was joined is counted until the kernel has buried it.
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(10);
+  while (threads() > 1 && std::chrono::steady_clock::now() < deadline) std::this_thread::yield();
+  say("joined " + std::to_string(threads()));
 }
 
 }  // namespace
