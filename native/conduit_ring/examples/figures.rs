@@ -1,61 +1,94 @@
-//! Measures publishing and reading beside a bare memcpy: `cargo run --release --example figures`.
+//! Measures publishing and reading beside a bare memcpy into shared memory, in turns so that all meet the same machine.
+//!
+//! ```text
+//! cargo run --release -p conduit_ring --example figures
+//! ```
 
 use std::hint::black_box;
 use std::time::Instant;
 
 use conduit_ring::{
-    Geometry, Publisher, PublisherOptions, Read, Subscriber, SubscriberOptions, Topic,
+    Geometry, Policy, Publisher, PublisherOptions, Read, Start, Subscriber, SubscriberOptions,
+    Topic, clock,
 };
 
-fn main() -> Result<(), conduit_ring::Error> {
+const LARGE: usize = 2_000_000;
+const SMALL: usize = 48;
+const ROUNDS: usize = 200;
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
     let topic = Topic::new(&format!("figures-{}", std::process::id()))?;
-    let geometry = Geometry::depth(8, 2_100_000)?;
-    let options = PublisherOptions {
-        geometry,
-        ..Default::default()
+    let geometry = Geometry::depth(4, LARGE as u32)?;
+    let mut publisher = Publisher::open(
+        &topic,
+        &PublisherOptions {
+            geometry,
+            ..Default::default()
+        },
+    )?;
+    let options = SubscriberOptions {
+        start: Start::New,
+        policy: Policy::Latest,
     };
-    let mut publisher = Publisher::open(&topic, &options)?;
-    let mut subscriber = Subscriber::open(&topic, &SubscriberOptions::default())?;
-    let mut buffer = Vec::with_capacity(2_100_000);
-    let message = vec![7_u8; 2_000_000];
-    let mut target = vec![vec![1_u8; 2_100_000]; 8];
-    for round in 0..3 {
-        println!("round {round}");
-        let mut n = 0;
-        report("memcpy 2 MB", 200, || {
-            n += 1;
-            black_box(&mut target[n % 8][..2_000_000]).copy_from_slice(black_box(&message));
-        });
-        report("publish 2 MB", 200, || {
-            publisher.publish(black_box(&message)).unwrap();
-        });
-        report("publish and read 2 MB", 200, || {
-            publisher.publish(black_box(&message)).unwrap();
-            while !matches!(subscriber.try_read(&mut buffer).unwrap(), Read::Message(_)) {}
-        });
-        report("publish 48 B", 1_000_000, || {
-            publisher.publish(black_box(&message[..48])).unwrap();
-        });
-        report("publish and read 48 B", 1_000_000, || {
-            publisher.publish(black_box(&message[..48])).unwrap();
-            let _ = subscriber.try_read(&mut buffer).unwrap();
-        });
-        report("clock", 1_000_000, || {
-            black_box(conduit_ring::clock::now_ns());
-        });
+    let mut subscriber = Subscriber::open(&topic, &options)?;
+    let message: Vec<u8> = (0..=255).cycle().take(LARGE).collect();
+    let mut target = vec![0_u8; 4 * LARGE];
+    let mut buffer = Vec::with_capacity(LARGE);
+
+    let mut copy = Vec::new();
+    let mut publish = Vec::new();
+    let mut read = Vec::new();
+    for round in 0..ROUNDS {
+        let target = &mut target[round % 4 * LARGE..][..LARGE];
+        copy.push(time(1, || {
+            black_box(&mut *target).copy_from_slice(black_box(&message))
+        }));
+        publish.push(time(1, || _ = publisher.publish(black_box(&message))));
+        read.push(time(1, || {
+            drop(black_box(subscriber.try_read(&mut buffer)))
+        }));
+        assert_eq!(buffer, message);
     }
+    let base = report("memcpy 2 MB", copy, None);
+    report("publish 2 MB", publish, Some(base));
+    report("read 2 MB", read, Some(base));
+
+    let mut clock_read = Vec::new();
+    let mut publish = Vec::new();
+    let mut both = Vec::new();
+    for _ in 0..ROUNDS {
+        clock_read.push(time(10_000, || _ = black_box(clock::now_ns())));
+        publish.push(time(10_000, || {
+            _ = publisher.publish(black_box(&message[..SMALL]))
+        }));
+        subscriber.try_read(&mut buffer)?;
+        both.push(time(10_000, || {
+            let _ = publisher.publish(black_box(&message[..SMALL]));
+            assert!(matches!(subscriber.try_read(&mut buffer), Ok(Read::Message(meta)) if meta.lost == 0));
+        }));
+        assert_eq!(buffer, message[..SMALL]);
+    }
+    report("read the clock", clock_read, None);
+    report("publish 48 B", publish, None);
+    report("publish and read 48 B", both, None);
+    assert_eq!(publisher.info().wake_count, 0);
     Ok(())
 }
 
-/// Prints the median of 11 runs of `count` calls.
-fn report(what: &str, count: u32, mut call: impl FnMut()) {
-    let mut runs: Vec<f64> = (0..11)
-        .map(|_| {
-            let start = Instant::now();
-            (0..count).for_each(|_| call());
-            start.elapsed().as_nanos() as f64 / f64::from(count)
-        })
-        .collect();
+/// Nanoseconds per call.
+fn time(count: u32, mut call: impl FnMut()) -> f64 {
+    let start = Instant::now();
+    (0..count).for_each(|_| call());
+    start.elapsed().as_nanos() as f64 / f64::from(count)
+}
+
+/// Prints and returns the median.
+fn report(what: &str, mut runs: Vec<f64>, base: Option<f64>) -> f64 {
     runs.sort_by(f64::total_cmp);
-    println!("  {what:<24} {:>12.1} ns (best {:.1})", runs[5], runs[0]);
+    let (p10, median) = (runs[runs.len() / 10], runs[runs.len() / 2]);
+    let ratio = base.map_or(String::new(), |base| {
+        format!("  {:.2} x memcpy", median / base)
+    });
+    println!("{what:<22} p50 {median:>10.1} ns  p10 {p10:>10.1} ns{ratio}");
+    median
 }

@@ -6,6 +6,7 @@
 
 use core::sync::atomic::{AtomicU8, AtomicU32, AtomicU64, Ordering::Relaxed};
 
+const HALF: usize = 4;
 const WORD: usize = 8;
 const BLOCK: usize = 8 * WORD;
 
@@ -16,29 +17,39 @@ const BLOCK: usize = 8 * WORD;
 #[inline]
 pub(crate) unsafe fn into_shared(from: *const u8, to: *mut u8, len: usize) {
     let mut at = 0;
-    while at < len {
-        let shared = to.wrapping_add(at);
-        let private = from.wrapping_add(at);
-        let left = len - at;
-        let aligned = shared.addr() % WORD == 0;
-        at += if aligned && left >= BLOCK {
-            let blocks = left / BLOCK;
-            // SAFETY: `blocks` whole blocks are left on both sides and the shared side is 8-aligned.
-            unsafe { store_blocks(private, shared, blocks) };
-            blocks * BLOCK
-        } else if aligned && left >= WORD {
-            // SAFETY: a word is left on both sides and the shared side is 8-aligned.
-            unsafe { store_word(private, shared) };
-            WORD
-        } else if shared.addr() % 4 == 0 && left >= 4 {
+
+    while !to.wrapping_add(at).cast::<u64>().is_aligned() && at < len {
+        if to.wrapping_add(at).cast::<u32>().is_aligned() && len - at >= HALF {
             // SAFETY: four bytes are left on both sides and the shared side is 4-aligned.
-            unsafe { store_half(private, shared) };
-            4
+            unsafe { store_half(from.wrapping_add(at), to.wrapping_add(at)) };
+            at += HALF;
         } else {
             // SAFETY: a byte is left on both sides.
-            unsafe { store_byte(private, shared) };
-            1
-        };
+            unsafe { store_byte(from.wrapping_add(at), to.wrapping_add(at)) };
+            at += 1;
+        }
+    }
+    while len - at >= BLOCK {
+        for word in (at..at + BLOCK).step_by(WORD) {
+            // SAFETY: a whole block is left on both sides and the shared side is 8-aligned.
+            unsafe { store_word(from.wrapping_add(word), to.wrapping_add(word)) };
+        }
+        at += BLOCK;
+    }
+    while len - at >= WORD {
+        // SAFETY: a word is left on both sides and the shared side is 8-aligned.
+        unsafe { store_word(from.wrapping_add(at), to.wrapping_add(at)) };
+        at += WORD;
+    }
+    if len - at >= HALF {
+        // SAFETY: four bytes are left on both sides and the shared side is 8-aligned.
+        unsafe { store_half(from.wrapping_add(at), to.wrapping_add(at)) };
+        at += HALF;
+    }
+    while at < len {
+        // SAFETY: a byte is left on both sides.
+        unsafe { store_byte(from.wrapping_add(at), to.wrapping_add(at)) };
+        at += 1;
     }
 }
 
@@ -48,60 +59,40 @@ pub(crate) unsafe fn into_shared(from: *const u8, to: *mut u8, len: usize) {
 /// `from` is valid for reads and `to` for writes of `len` bytes; they do not overlap.
 #[inline]
 pub(crate) unsafe fn out_of_shared(from: *const u8, to: *mut u8, len: usize) {
+    let from = from.cast_mut();
     let mut at = 0;
-    while at < len {
-        let shared = from.wrapping_add(at).cast_mut();
-        let private = to.wrapping_add(at);
-        let left = len - at;
-        let aligned = shared.addr() % WORD == 0;
-        at += if aligned && left >= BLOCK {
-            let blocks = left / BLOCK;
-            // SAFETY: `blocks` whole blocks are left on both sides and the shared side is 8-aligned.
-            unsafe { load_blocks(shared, private, blocks) };
-            blocks * BLOCK
-        } else if aligned && left >= WORD {
-            // SAFETY: a word is left on both sides and the shared side is 8-aligned.
-            unsafe { load_word(shared, private) };
-            WORD
-        } else if shared.addr() % 4 == 0 && left >= 4 {
+    while !from.wrapping_add(at).cast::<u64>().is_aligned() && at < len {
+        if from.wrapping_add(at).cast::<u32>().is_aligned() && len - at >= HALF {
             // SAFETY: four bytes are left on both sides and the shared side is 4-aligned.
-            unsafe { load_half(shared, private) };
-            4
+            unsafe { load_half(from.wrapping_add(at), to.wrapping_add(at)) };
+            at += HALF;
         } else {
             // SAFETY: a byte is left on both sides.
-            unsafe { load_byte(shared, private) };
-            1
-        };
-    }
-}
-
-/// # Safety
-/// `blocks` blocks are readable at `from` and writable at `to`, which is 8-aligned.
-unsafe fn store_blocks(from: *const u8, to: *mut u8, blocks: usize) {
-    for block in 0..blocks {
-        let (from, to) = (
-            from.wrapping_add(block * BLOCK),
-            to.wrapping_add(block * BLOCK),
-        );
-        for word in 0..BLOCK / WORD {
-            // SAFETY: word `word` of block `block` lies inside by the caller's promise.
-            unsafe { store_word(from.wrapping_add(word * WORD), to.wrapping_add(word * WORD)) };
+            unsafe { load_byte(from.wrapping_add(at), to.wrapping_add(at)) };
+            at += 1;
         }
     }
-}
-
-/// # Safety
-/// `blocks` blocks are readable at `from`, which is 8-aligned, and writable at `to`.
-unsafe fn load_blocks(from: *mut u8, to: *mut u8, blocks: usize) {
-    for block in 0..blocks {
-        let (from, to) = (
-            from.wrapping_add(block * BLOCK),
-            to.wrapping_add(block * BLOCK),
-        );
-        for word in 0..BLOCK / WORD {
-            // SAFETY: word `word` of block `block` lies inside by the caller's promise.
-            unsafe { load_word(from.wrapping_add(word * WORD), to.wrapping_add(word * WORD)) };
+    while len - at >= BLOCK {
+        for word in (at..at + BLOCK).step_by(WORD) {
+            // SAFETY: a whole block is left on both sides and the shared side is 8-aligned.
+            unsafe { load_word(from.wrapping_add(word), to.wrapping_add(word)) };
         }
+        at += BLOCK;
+    }
+    while len - at >= WORD {
+        // SAFETY: a word is left on both sides and the shared side is 8-aligned.
+        unsafe { load_word(from.wrapping_add(at), to.wrapping_add(at)) };
+        at += WORD;
+    }
+    if len - at >= HALF {
+        // SAFETY: four bytes are left on both sides and the shared side is 8-aligned.
+        unsafe { load_half(from.wrapping_add(at), to.wrapping_add(at)) };
+        at += HALF;
+    }
+    while at < len {
+        // SAFETY: a byte is left on both sides.
+        unsafe { load_byte(from.wrapping_add(at), to.wrapping_add(at)) };
+        at += 1;
     }
 }
 

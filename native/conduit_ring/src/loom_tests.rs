@@ -16,7 +16,8 @@
 //! | the SeqCst fence in `notify` | `a_sleeper_is_always_woken` |
 //! | the order in `claim::clear`: mask bit before native bit | `a_legacy_successor_of_a_bit_is_woken` |
 //! | the second look under the lock in `claim::reclaim_leaked` | `reclaiming_spares_a_legacy_successor` |
-//! | `write_intent` left behind by one | `a_torn_message_is_never_accepted` |
+//! | `write_intent` announced too low by one | `a_torn_message_is_never_accepted` |
+//! | `write_intent` set back to `write_idx` at a takeover | `a_successor_goes_on_at_the_same_number…` |
 //!
 //! The SeqCst fence in `wait::sleep` has no line: the kernel has a full barrier of its own between the waiting bit and
 //! its look at the futex word. The fence makes the protocol sound without counting on that.

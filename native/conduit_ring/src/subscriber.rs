@@ -272,8 +272,8 @@ impl Subscriber {
             Tie::Awaiting { past, .. } => (past.lost, 0),
         };
         Stats {
-            lost: self.past.lost + lost,
-            resyncs: self.past.resyncs + resyncs,
+            lost: self.past.lost.saturating_add(lost),
+            resyncs: self.past.resyncs.saturating_add(resyncs),
             ..self.past
         }
     }
@@ -317,6 +317,7 @@ impl Subscriber {
     /// Looks after the tie: attaches, notices a publisher's end or return. What there is to tell is then pending.
     fn look_around(&mut self) -> Result<(), Error> {
         match &self.tie {
+            _ if self.pending.is_some() => Ok(()),
             Tie::Awaiting { past, .. } => {
                 match Attachment::open(&self.topic, Beginning::After(*past))? {
                     Some(attachment) => self.hold(attachment),
@@ -327,7 +328,7 @@ impl Subscriber {
                 let due = !attachment.says_live()
                     || !self.publisher_up
                     || Instant::now() >= self.next_look;
-                if due && self.pending.is_none() {
+                if due {
                     self.look_at_publisher()
                 } else {
                     Ok(())
@@ -381,7 +382,7 @@ impl Subscriber {
         self.past = self.stats();
         let past = self.attachment().map(Attachment::past).unwrap_or_default();
         // The next reader's count begins with what this one still owes.
-        self.past.lost -= past.lost;
+        self.past.lost = self.past.lost.saturating_sub(past.lost);
         self.await_topic(past);
     }
 

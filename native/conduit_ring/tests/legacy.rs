@@ -1,0 +1,326 @@
+//! Unmodified conduit peers, made byte for byte from the description of the format.
+#![cfg(not(loom))]
+
+mod support;
+
+use std::fs::OpenOptions;
+use std::sync::atomic::Ordering::*;
+use std::thread;
+
+use conduit_ring::{
+    Error, Info, Publisher, PublisherOptions, Read, Start, State, Subscriber, SubscriberOptions,
+    Topic,
+};
+use support::{LONG, Raw, Scratch, next, next_message};
+
+const SLOTS: u64 = 4;
+const HEADER: usize = 1216;
+
+/// A publisher as conduit's: it knows nothing of the extension and wakes after each message.
+struct LegacyPublisher {
+    raw: Raw,
+    slot_size: usize,
+}
+
+impl LegacyPublisher {
+    fn create(topic: &Topic, slot_size: usize) -> LegacyPublisher {
+        let len = HEADER + SLOTS as usize * slot_size;
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(true)
+            .open(topic.path())
+            .unwrap();
+        file.set_len(len as u64).unwrap();
+        let raw = Raw::open(topic).unwrap();
+        raw.u32(0).store(SLOTS as u32, Relaxed);
+        raw.u32(4).store(slot_size as u32, Relaxed);
+        raw.u32(8).store(16, Relaxed);
+        LegacyPublisher { raw, slot_size }
+    }
+
+    fn publish(&self, payload: &[u8]) {
+        let n = self.raw.u64(64).load(Relaxed);
+        let slot = HEADER + (n % SLOTS) as usize * self.slot_size;
+        self.raw.write(slot, &(payload.len() as u32).to_le_bytes());
+        self.raw.write(slot + 4, &n.to_le_bytes());
+        self.raw.write(slot + 12, &(n + 1000).to_le_bytes());
+        self.raw.write(slot + 20, payload);
+        self.raw.u64(64).store(n + 1, Release);
+        self.raw.u32(132).fetch_add(1, SeqCst);
+        self.raw.futex_wake();
+    }
+}
+
+/// A subscriber as conduit's: it claims a bit, keeps its cursor in the segment and sleeps without a time limit.
+struct LegacySubscriber {
+    raw: Raw,
+    index: usize,
+    slot_count: u64,
+    slot_size: usize,
+}
+
+impl LegacySubscriber {
+    fn open(topic: &Topic) -> LegacySubscriber {
+        let raw = Raw::open(topic).unwrap();
+        let slot_count = u64::from(raw.u32(0).load(Relaxed));
+        let slot_size = raw.u32(4).load(Relaxed) as usize;
+        let index = loop {
+            let mask = raw.u32(128).load(SeqCst);
+            let free = (!mask).trailing_zeros();
+            if raw
+                .u32(128)
+                .compare_exchange(mask, mask | 1 << free, SeqCst, SeqCst)
+                .is_ok()
+            {
+                break free as usize;
+            }
+        };
+        assert!(index < 16);
+        raw.u64(192 + 64 * index)
+            .store(raw.u64(64).load(Acquire), Release);
+        LegacySubscriber {
+            raw,
+            index,
+            slot_count,
+            slot_size,
+        }
+    }
+
+    fn try_read(&self) -> Option<(u64, Vec<u8>)> {
+        let cursor = self.raw.u64(192 + 64 * self.index);
+        let published = self.raw.u64(64).load(Acquire);
+        let n = cursor.load(Relaxed);
+        if n == published {
+            return None;
+        }
+        let slot = HEADER + (n & (self.slot_count - 1)) as usize * self.slot_size;
+        let field = |at: usize| u64::from_le_bytes(self.raw.read(slot + at, 8).try_into().unwrap());
+        if field(4) != n {
+            return None;
+        }
+        let payload = self.raw.read(slot + 20, field(0) as u32 as usize);
+        cursor.store(n + 1, Release);
+        Some((n, payload))
+    }
+
+    fn wait(&self) -> (u64, Vec<u8>) {
+        loop {
+            let seen = self.raw.u32(132).load(Acquire);
+            if let Some(message) = self.try_read() {
+                return message;
+            }
+            self.raw.futex_wait(seen);
+        }
+    }
+
+    fn close(self) {
+        self.raw.u32(128).fetch_and(!(1 << self.index), SeqCst);
+    }
+}
+
+fn publisher(topic: &Topic) -> Publisher {
+    Publisher::open(topic, &PublisherOptions::default()).unwrap()
+}
+
+fn subscriber(topic: &Topic, start: Start) -> Subscriber {
+    Subscriber::open(
+        topic,
+        &SubscriberOptions {
+            start,
+            ..Default::default()
+        },
+    )
+    .unwrap()
+}
+
+#[test]
+fn a_legacy_subscriber_reads_what_a_publisher_writes() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let legacy = LegacySubscriber::open(&topic);
+    for n in 0..40 {
+        publisher
+            .publish(format!("message {n}").as_bytes())
+            .unwrap();
+        assert_eq!(
+            legacy.try_read(),
+            Some((n, format!("message {n}").into_bytes()))
+        );
+    }
+    assert_eq!(legacy.try_read(), None);
+}
+
+#[test]
+fn a_sleeping_legacy_subscriber_is_woken_also_in_the_slot_of_a_native_one_that_left() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut native = subscriber(&topic, Start::New);
+    assert!(publisher.info().readers[0].native);
+    native.wait(std::time::Duration::from_millis(1)).unwrap();
+    drop(native);
+    let legacy = LegacySubscriber::open(&topic);
+    assert_eq!(legacy.index, 0);
+    assert!(!publisher.info().readers[0].native);
+    let sleeper = thread::spawn(move || (0..3).map(|_| legacy.wait().0).collect::<Vec<u64>>());
+    for _ in 0..3 {
+        publisher.publish(b"wake up").unwrap();
+    }
+    assert_eq!(sleeper.join().unwrap(), [0, 1, 2]);
+    assert_eq!(publisher.info().wake_count, 3);
+}
+
+#[test]
+fn a_slot_being_written_is_no_data_for_a_legacy_subscriber() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let legacy = LegacySubscriber::open(&topic);
+    publisher.publish(b"whole").unwrap();
+    legacy.raw.write(HEADER + 8, &[0xFF; 4]);
+    assert_eq!(legacy.try_read(), None);
+}
+
+#[test]
+fn legacy_and_native_subscribers_share_the_reader_slots() {
+    let topic = Scratch::new();
+    let publisher = publisher(&topic);
+    let legacy = LegacySubscriber::open(&topic);
+    let natives: Vec<_> = (0..15).map(|_| subscriber(&topic, Start::New)).collect();
+    let full = Subscriber::open(&topic, &SubscriberOptions::default()).unwrap_err();
+    assert!(matches!(full, Error::NoReaderSlot { .. }), "{full}");
+    assert_eq!(publisher.info().readers.len(), 16);
+    legacy.close();
+    drop(subscriber(&topic, Start::New));
+    drop(natives);
+    assert_eq!(publisher.info().readers, []);
+    assert_eq!(
+        LegacySubscriber::open(&topic).raw.u32(128).load(Relaxed),
+        1,
+        "bits 16..31 stay clear"
+    );
+}
+
+#[test]
+fn a_subscriber_reads_what_a_legacy_publisher_writes_whatever_the_alignment_of_its_slots() {
+    for slot_size in [4096, 100, 101, 102, 103] {
+        let topic = Scratch::new();
+        let legacy = LegacyPublisher::create(&topic, slot_size);
+        let mut subscriber = subscriber(&topic, Start::New);
+        let mut buffer = Vec::new();
+        for n in 0..20_u64 {
+            legacy.publish(format!("message {n}").as_bytes());
+            let read = next(&mut subscriber, &mut buffer);
+            assert!(
+                matches!(read, Read::Message(meta) if meta.sequence == n && meta.timestamp_ns == n + 1000 && meta.lost == 0)
+            );
+            assert_eq!(buffer, format!("message {n}").into_bytes());
+        }
+        assert_eq!(subscriber.try_read(&mut buffer).unwrap(), Read::Nothing);
+    }
+}
+
+#[test]
+fn one_slot_fewer_of_a_legacy_publisher_is_trusted() {
+    let topic = Scratch::new();
+    let legacy = LegacyPublisher::create(&topic, 4096);
+    let mut reader = subscriber(&topic, Start::New);
+    for _ in 0..10 {
+        legacy.publish(b"x");
+    }
+    let mut buffer = Vec::new();
+    assert_eq!(next_message(&mut reader, &mut buffer), (7, 7));
+    let mut history = subscriber(&topic, Start::History(100));
+    assert_eq!(next_message(&mut history, &mut buffer), (7, 0));
+    let info = Info::read(&topic).unwrap();
+    assert_eq!(
+        (info.state, info.published, info.instance_id),
+        (State::Legacy, 10, 0)
+    );
+}
+
+#[test]
+fn a_sleeping_subscriber_is_woken_by_a_legacy_publisher() {
+    let topic = Scratch::new();
+    let legacy = LegacyPublisher::create(&topic, 4096);
+    let mut subscriber = subscriber(&topic, Start::New);
+    let sleeper = thread::spawn(move || next_message(&mut subscriber, &mut Vec::new()));
+    legacy.publish(b"wake up");
+    assert_eq!(sleeper.join().unwrap(), (0, 0));
+}
+
+#[test]
+fn a_legacy_publisher_that_makes_its_file_anew_is_followed() {
+    let topic = Scratch::new();
+    let first = LegacyPublisher::create(&topic, 4096);
+    let mut subscriber = subscriber(&topic, Start::New);
+    let mut buffer = Vec::new();
+    first.publish(b"old");
+    assert_eq!(next_message(&mut subscriber, &mut buffer), (0, 0));
+    std::fs::remove_file(topic.path()).unwrap();
+    let second = LegacyPublisher::create(&topic, 1024);
+    second.publish(b"new");
+    assert_eq!(next(&mut subscriber, &mut buffer), Read::PublisherDown);
+    assert_eq!(next(&mut subscriber, &mut buffer), Read::PublisherUp);
+    assert_eq!(next_message(&mut subscriber, &mut buffer), (0, 0));
+    assert_eq!(buffer, b"new");
+}
+
+#[test]
+fn a_legacy_publisher_that_clears_the_header_in_place_takes_no_claim_away_for_long() {
+    let topic = Scratch::new();
+    let legacy = LegacyPublisher::create(&topic, 4096);
+    let mut subscriber = subscriber(&topic, Start::New);
+    legacy.raw.write(64, &[0; HEADER - 64]);
+    let waiting = subscriber
+        .wait(std::time::Duration::from_millis(1200))
+        .unwrap();
+    assert_eq!(waiting, conduit_ring::Wait::TimedOut);
+    let readers = Info::read(&topic).unwrap().readers;
+    assert!(
+        matches!(&readers[..], [reader] if reader.native && reader.alive),
+        "{readers:?}"
+    );
+    legacy.publish(b"after");
+    assert_eq!(next_message(&mut subscriber, &mut Vec::new()), (0, 0));
+}
+
+#[test]
+fn a_native_publisher_replaces_a_legacy_file_only_if_nobody_uses_it_or_by_force() {
+    let topic = Scratch::new();
+    let legacy = LegacyPublisher::create(&topic, 4096);
+    let refusal = Publisher::open(&topic, &PublisherOptions::default()).unwrap_err();
+    assert!(matches!(refusal, Error::LegacyInUse { .. }), "{refusal}");
+    drop(legacy);
+    drop(publisher(&topic));
+
+    let _legacy = LegacyPublisher::create(&topic, 4096);
+    let force = PublisherOptions {
+        force: true,
+        ..Default::default()
+    };
+    let mut forced = Publisher::open(&topic, &force).unwrap();
+    assert_eq!(forced.publish(b"x"), Ok(0));
+    assert_eq!(Info::read(&topic).unwrap().state, State::Live);
+}
+
+#[test]
+fn a_legacy_file_in_the_making_is_awaited() {
+    let topic = Scratch::new();
+    let file = OpenOptions::new()
+        .write(true)
+        .create_new(true)
+        .open(topic.path())
+        .unwrap();
+    let mut subscriber = subscriber(&topic, Start::New);
+    let mut buffer = Vec::new();
+    assert_eq!(subscriber.try_read(&mut buffer).unwrap(), Read::Nothing);
+    drop(file);
+    let sleeper = thread::spawn(move || {
+        let first = subscriber.read_timeout(&mut buffer, LONG).unwrap();
+        (first, next_message(&mut subscriber, &mut buffer))
+    });
+    let legacy = LegacyPublisher::create(&topic, 4096);
+    legacy.publish(b"first");
+    assert_eq!(sleeper.join().unwrap(), (Read::PublisherUp, (0, 0)));
+}

@@ -1,0 +1,259 @@
+//! What the tests share: topics that leave nothing behind, messages that prove themselves, child processes, and a raw
+//! view of a segment with which legacy peers and damage are made.
+#![allow(dead_code)]
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufRead, BufReader};
+use std::ops::Deref;
+use std::os::fd::AsRawFd;
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::ptr;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::*};
+use std::time::Duration;
+
+use conduit_ring::{Read, Subscriber, Topic};
+
+/// Longer than anything here takes: only a failing test waits so long.
+pub const LONG: Duration = Duration::from_secs(20);
+
+/// A topic of a name of its own, whose file is removed afterwards.
+pub struct Scratch(Topic);
+
+impl Scratch {
+    pub fn new() -> Scratch {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let n = COUNT.fetch_add(1, Relaxed);
+        Scratch(Topic::new(&format!("test-{}-{n}", std::process::id())).unwrap())
+    }
+}
+
+impl Deref for Scratch {
+    type Target = Topic;
+
+    fn deref(&self) -> &Topic {
+        &self.0
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(self.0.path());
+    }
+}
+
+/// Bytes of a message: number, length and checksum in front of a body that follows from the number.
+pub fn proving_message(n: u64, len: usize) -> Vec<u8> {
+    let len = len.max(24);
+    let mut message = vec![0; 24];
+    let mut state = n | 1;
+    message.extend((24..len).map(|_| {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(n);
+        (state >> 56) as u8
+    }));
+    message[..8].copy_from_slice(&n.to_le_bytes());
+    message[8..16].copy_from_slice(&(len as u64).to_le_bytes());
+    let sum = checksum(&message);
+    message[16..24].copy_from_slice(&sum.to_le_bytes());
+    message
+}
+
+/// The number of a message that proves to be whole.
+pub fn proven_number(message: &[u8]) -> Result<u64, String> {
+    let field = |at: usize| {
+        message
+            .get(at..at + 8)
+            .map(|bytes| u64::from_le_bytes(bytes.try_into().unwrap()))
+    };
+    let (Some(n), Some(len), Some(sum)) = (field(0), field(8), field(16)) else {
+        return Err(format!("{} bytes", message.len()));
+    };
+    if len != message.len() as u64 || sum != checksum(message) {
+        return Err(format!(
+            "message {n}: {} bytes, {len} stated, checksum {sum:x}",
+            message.len()
+        ));
+    }
+    Ok(n)
+}
+
+fn checksum(message: &[u8]) -> u64 {
+    let covered = message[..16].iter().chain(&message[24..]);
+    covered.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    })
+}
+
+/// The next thing that is not nothing.
+pub fn next(subscriber: &mut Subscriber, buffer: &mut Vec<u8>) -> Read {
+    match subscriber.read_timeout(buffer, LONG).unwrap() {
+        Read::Nothing => panic!("nothing for {LONG:?}"),
+        read => read,
+    }
+}
+
+/// The next message's number and what was lost before it, whatever the publisher does meanwhile.
+pub fn next_message(subscriber: &mut Subscriber, buffer: &mut Vec<u8>) -> (u64, u64) {
+    loop {
+        if let Read::Message(meta) = next(subscriber, buffer) {
+            return (meta.sequence, meta.lost);
+        }
+    }
+}
+
+/// This test binary again, as another process that runs only the test called `child`.
+pub struct Helper {
+    child: Child,
+    lines: BufReader<ChildStdout>,
+}
+
+const ROLE: &str = "CONDUIT_RING_TEST_ROLE";
+const TOPIC: &str = "CONDUIT_RING_TEST_TOPIC";
+
+/// The role and the topic of a helper, in the helper.
+pub fn role() -> Option<(String, Topic)> {
+    let role = std::env::var(ROLE).ok()?;
+    Some((role, Topic::new(&std::env::var(TOPIC).unwrap()).unwrap()))
+}
+
+/// Tells the parent that all is set up.
+pub fn tell_ready() {
+    println!("\nready");
+}
+
+impl Helper {
+    /// Starts a helper and waits until it is ready.
+    pub fn start(role: &str, topic: &Topic) -> Helper {
+        let mut child = Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", "child", "--nocapture", "--test-threads=1"])
+            .env(ROLE, role)
+            .env(TOPIC, topic.name())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let lines = BufReader::new(child.stdout.take().unwrap());
+        let mut helper = Helper { child, lines };
+        let mut line = String::new();
+        while line.trim() != "ready" {
+            line.clear();
+            assert_ne!(
+                helper.lines.read_line(&mut line).unwrap(),
+                0,
+                "the helper ended"
+            );
+        }
+        helper
+    }
+
+    /// SIGKILL. The helper must have been running.
+    pub fn kill(mut self) {
+        assert_eq!(
+            self.child.try_wait().unwrap(),
+            None,
+            "the helper ended by itself"
+        );
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+}
+
+impl Drop for Helper {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A segment seen as bytes, through a mapping of its own.
+pub struct Raw {
+    base: *mut u8,
+    len: usize,
+    _file: File,
+}
+
+// SAFETY: the mapping lives as long as the value and is touched by atomics alone.
+unsafe impl Send for Raw {}
+// SAFETY: as above.
+unsafe impl Sync for Raw {}
+
+impl Raw {
+    pub fn open(topic: &Topic) -> io::Result<Raw> {
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .open(topic.path())?;
+        let len = file.metadata()?.len() as usize;
+        let (protection, fd) = (libc::PROT_READ | libc::PROT_WRITE, file.as_raw_fd());
+        // SAFETY: a new mapping at an address of the kernel's choice.
+        let base = unsafe { libc::mmap(ptr::null_mut(), len, protection, libc::MAP_SHARED, fd, 0) };
+        assert_ne!(base, libc::MAP_FAILED);
+        Ok(Raw {
+            base: base.cast(),
+            len,
+            _file: file,
+        })
+    }
+
+    pub fn u32(&self, at: usize) -> &AtomicU32 {
+        assert!(at.is_multiple_of(4) && at + 4 <= self.len);
+        // SAFETY: aligned and inside the mapping, which lives as long as self.
+        unsafe { AtomicU32::from_ptr(self.base.wrapping_add(at).cast()) }
+    }
+
+    pub fn u64(&self, at: usize) -> &AtomicU64 {
+        assert!(at.is_multiple_of(8) && at + 8 <= self.len);
+        // SAFETY: as above.
+        unsafe { AtomicU64::from_ptr(self.base.wrapping_add(at).cast()) }
+    }
+
+    pub fn write(&self, at: usize, bytes: &[u8]) {
+        assert!(at + bytes.len() <= self.len);
+        // SAFETY: inside the mapping. What a legacy peer does: plain stores.
+        unsafe {
+            ptr::copy_nonoverlapping(bytes.as_ptr(), self.base.wrapping_add(at), bytes.len())
+        };
+    }
+
+    pub fn read(&self, at: usize, len: usize) -> Vec<u8> {
+        assert!(at + len <= self.len);
+        let mut bytes = vec![0; len];
+        // SAFETY: inside the mapping. What a legacy peer does: plain loads.
+        unsafe { ptr::copy_nonoverlapping(self.base.wrapping_add(at), bytes.as_mut_ptr(), len) };
+        bytes
+    }
+
+    pub fn futex_wake(&self) {
+        // SAFETY: the word outlives the call.
+        unsafe {
+            libc::syscall(
+                libc::SYS_futex,
+                self.u32(132).as_ptr(),
+                libc::FUTEX_WAKE,
+                i32::MAX,
+            )
+        };
+    }
+
+    pub fn futex_wait(&self, expected: u32) {
+        let no_timeout = ptr::null::<libc::timespec>();
+        // SAFETY: the word outlives the call.
+        unsafe {
+            libc::syscall(
+                libc::SYS_futex,
+                self.u32(132).as_ptr(),
+                libc::FUTEX_WAIT,
+                expected,
+                no_timeout,
+            )
+        };
+    }
+}
+
+impl Drop for Raw {
+    fn drop(&mut self) {
+        // SAFETY: mapped in open, unmapped only here.
+        unsafe { libc::munmap(self.base.cast(), self.len) };
+    }
+}
