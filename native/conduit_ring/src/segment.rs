@@ -11,6 +11,9 @@ use std::ptr;
 use std::sync::atomic::AtomicU32;
 use std::time::Duration;
 
+/// Linux's, which the libc crate does not have everywhere.
+const F_SETSIG: libc::c_int = 10;
+
 /// An open segment file. Locks belong to it, not to the process.
 #[derive(Debug)]
 pub(crate) struct Segment {
@@ -107,6 +110,11 @@ impl Segment {
         }
     }
 
+    /// Fills `bytes` from the file at `offset`.
+    pub(crate) fn read_at(&self, bytes: &mut [u8], offset: u64) -> io::Result<()> {
+        self.file.read_exact_at(bytes, offset)
+    }
+
     pub(crate) fn write_head(&self, bytes: &[u8]) -> io::Result<()> {
         self.file.write_all_at(bytes, 0)
     }
@@ -159,6 +167,12 @@ impl Segment {
     /// Whether no process, this one apart, has the file open for writing or mapped so. A write lease is granted just
     /// then; who may not ask for one cannot know.
     pub(crate) fn is_unused(&self) -> bool {
+        // Who opens the file while the lease is held makes the kernel send its holder SIGIO, which would end this process.
+        // SIGURG is ignored by default.
+        // SAFETY: F_SETSIG takes an int.
+        if check(unsafe { libc::fcntl(self.fd(), F_SETSIG, libc::SIGURG) }).is_err() {
+            return false;
+        }
         // SAFETY: F_SETLEASE takes an int.
         let granted =
             check(unsafe { libc::fcntl(self.fd(), libc::F_SETLEASE, libc::F_WRLCK) }).is_ok();
@@ -410,5 +424,32 @@ fn check(result: i32) -> io::Result<i32> {
         Err(io::Error::last_os_error())
     } else {
         Ok(result)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+    use std::thread;
+
+    #[test]
+    fn asking_whether_a_file_is_unused_survives_that_it_is_opened_just_then() {
+        let path = std::env::temp_dir().join(format!("conduit_lease_{}", std::process::id()));
+        let segment = Segment {
+            file: File::create(&path).unwrap(),
+        };
+        let refused = AtomicBool::new(false);
+        thread::scope(|scope| {
+            scope.spawn(|| {
+                while Segment::open(&path, Access::Write).is_ok() {}
+                refused.store(true, Relaxed);
+            });
+            while !refused.load(Relaxed) {
+                segment.is_unused();
+            }
+        });
+        std::fs::remove_file(&path).unwrap();
+        assert!(segment.is_unused());
     }
 }
