@@ -19,10 +19,12 @@ defmodule BB do
   @call_timeout_ms 5_000
 
   defmacro __using__(opts) do
+    if opts != [],
+      do: raise(ArgumentError, "`use BB` takes no options, got: #{Macro.to_string(opts)}")
+
     place = Macro.escape(%{file: __CALLER__.file, line: __CALLER__.line})
 
     quote do
-      [] = unquote(opts)
       import BB.Dsl.Robot, warn: false
       BB.Dsl.Builder.start(__MODULE__, unquote(place))
       @before_compile BB.Dsl

@@ -1,7 +1,6 @@
 defmodule BBTest do
   use ExUnit.Case, async: true
 
-  import BB.Test.Eventually
   import BB.Test.Robot, only: [robot: 1]
 
   alias BB.Message.Sensor.Range
@@ -86,25 +85,6 @@ defmodule BBTest do
       assert {:noproc, _} = catch_exit(BB.call(robot, :nobody, 1))
       assert BB.cast(robot, :nobody, 1) == :ok
       assert BB.send(robot, :nobody, 1) == 1
-    end
-  end
-
-  describe "BB.Process" do
-    test "names a component by robot and name", %{robot: robot} do
-      registry = Module.concat(robot, Registry)
-      assert BB.Process.registry_name(robot) == registry
-      assert BB.Process.via(robot, :sonar) == {:via, Registry, {registry, :sonar}}
-    end
-
-    test "finds a component while it runs", %{robot: robot} do
-      start_supervised!(robot)
-      pid = BB.Process.whereis(robot, :sonar)
-      assert GenServer.whereis(BB.Process.via(robot, :sonar)) == pid
-      assert BB.Process.whereis(robot, :nobody) == :undefined
-      Probe.script(robot, :sonar, init: fn _ -> {:stop, :absent} end)
-      Process.exit(pid, :kill)
-
-      assert eventually(fn -> BB.Process.whereis(robot, :sonar) == :undefined end)
     end
   end
 end

@@ -11,7 +11,7 @@ defmodule BB.Component do
     * `:path` - where it is: `[name]` on the robot itself, `[link…, name]` on a link, `[link…, joint, name]` on a joint
     * `:attached_to` - `nil` (the robot), `{:link, name}` or `{:joint, name}`
     * `:required` - whether the robot is of no use without it
-    * `:retain` - whether the bus keeps its last message
+    * `:retain` - whether its last message is worth keeping for those who subscribe late
     * `:max_silence_ns` - the longest time between two of its messages, `nil` when it may be silent
   """
 

@@ -9,6 +9,7 @@ defmodule BB.Path do
   @type t :: [segment()]
   @type segment :: atom() | reference()
 
+  @doc "Whether the term can be a segment. Allowed in guards."
   defguard is_segment(segment) when is_atom(segment) or is_reference(segment)
 
   @doc """

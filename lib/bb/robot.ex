@@ -63,9 +63,4 @@ defmodule BB.Robot do
   @spec components_on(t(), Component.attachment()) :: [Component.t()]
   def components_on(%__MODULE__{components: components}, place),
     do: Enum.filter(components, &(&1.attached_to == place))
-
-  @doc "The components of a kind, such as `BB.Sensor`, in the order of their declaration."
-  @spec components_of(t(), module()) :: [Component.t()]
-  def components_of(%__MODULE__{components: components}, kind),
-    do: Enum.filter(components, &(&1.kind == kind))
 end

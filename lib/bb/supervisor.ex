@@ -39,6 +39,21 @@ defmodule BB.Supervisor do
          do: Supervisor.start_link(__MODULE__, robot, name: robot)
   end
 
+  @doc """
+  Why a robot was not started, as a sentence: for the error of `start_link/2`, and for that of a supervisor or an application
+  which has the robot among its children.
+
+      iex> error = %BB.Options.ValidationError{message: "unknown options [:buss]", keys_path: [:imu]}
+      iex> BB.Supervisor.format_error({:shutdown, {:failed_to_start_child, MyRobot, error}})
+      "unknown options [:buss] (in options [:imu])"
+  """
+  @spec format_error(term()) :: String.t()
+  def format_error({:shutdown, reason}), do: format_error(reason)
+  def format_error({:failed_to_start_child, _id, reason}), do: format_error(reason)
+  def format_error({{:shutdown, _} = reason, {_module, :start, _args}}), do: format_error(reason)
+  def format_error(error) when is_exception(error), do: Exception.message(error)
+  def format_error(reason), do: Exception.format_exit(reason)
+
   @impl Supervisor
   def init(robot) do
     children = [

@@ -15,7 +15,7 @@ defmodule Ganglion.Demo do
   @imu_address 0x68
   @log_lines 5
 
-  defstruct [:options, :started, :screen?, :robot, observation: %Observation{}, log: []]
+  defstruct [:options, :started, :screen?, :robot, :observation, log: []]
 
   @doc "Runs the demonstration with the arguments of the command line and ends the VM with its exit status."
   @spec main([String.t()]) :: no_return()
@@ -57,10 +57,20 @@ defmodule Ganglion.Demo do
         buses: %{"i2c-1" => [devices: %{@imu_address => {Sim.Mpu6050, source: imu}}]}
       )
 
+    before = Observation.new(topics(), now())
+
     case Robot.start_link() do
       {:ok, robot} ->
         {:ok, _} = BB.subscribe(Robot, [:sensor])
-        {:ok, %__MODULE__{options: options, robot: robot, started: now(), screen?: screen?}}
+
+        {:ok,
+         %__MODULE__{
+           options: options,
+           robot: robot,
+           started: now(),
+           screen?: screen?,
+           observation: before
+         }}
 
       {:error, reason} ->
         {:error, sentence(reason)}
@@ -97,13 +107,12 @@ defmodule Ganglion.Demo do
   end
 
   defp observe_topics(demo) do
-    Enum.reduce(@topics, demo, fn topic, demo ->
-      case BB.Ring.info(topic) do
-        {:ok, info} -> observe(demo, &Observation.topic(&1, info, now()))
-        {:error, _reason} -> demo
-      end
+    Enum.reduce(topics(), demo, fn info, demo ->
+      observe(demo, &Observation.topic(&1, info, now()))
     end)
   end
+
+  defp topics, do: for(topic <- @topics, {:ok, info} <- [BB.Ring.info(topic)], do: info)
 
   defp finish(demo) do
     demo = observe_topics(demo)

@@ -416,7 +416,7 @@ defmodule BB.DslTest do
       error = mistake("sensors do\n sensor :s, BB.Test.Probe, max_silence: ~u(1 meter)\n end")
 
       assert error.reason ==
-               "invalid value for :max_silence option: expected a time such as ~u(100 millisecond), got: 1 meter"
+               "invalid value for :max_silence option: expected a time above zero such as ~u(100 millisecond), got: 1 meter"
 
       assert error.path == [:sensors, :s]
     end

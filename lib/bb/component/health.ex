@@ -4,7 +4,7 @@ defmodule BB.Component.Health do
   nobody waits for anybody.
   """
 
-  alias BB.{Component, Robot}
+  alias BB.Component
   alias BB.Component.Condition
 
   @typedoc """
@@ -28,7 +28,7 @@ defmodule BB.Component.Health do
   @spec list(module(), module()) :: [row()]
   def list(robot, kind) do
     registry = started!(robot)
-    for component <- Robot.components_of(robot.robot(), kind), do: row(registry, component)
+    for %{kind: ^kind} = component <- robot.robot().components, do: row(registry, component)
   end
 
   @doc "Enters a keeper's row, for as long as the calling process lives."

@@ -100,6 +100,8 @@ defmodule BB.Component.Keeper do
   def handle_info({:EXIT, pid, reason}, %{server: pid} = keeper),
     do: %{keeper | server: nil, ready?: false, watch: nil} |> ended(reason) |> noreply()
 
+  def handle_info({:EXIT, _pid, :normal}, keeper), do: noreply(keeper)
+
   # The robot's registry or bus went down and took what the keeper had there with it.
   def handle_info({:EXIT, _pid, _reason}, keeper), do: noreply(attach_later(keeper))
   def handle_info(:attach, keeper), do: keeper |> attach() |> noreply()

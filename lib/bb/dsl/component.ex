@@ -11,7 +11,7 @@ defmodule BB.Dsl.Component do
   Fields, as keywords or in a block:
 
     * `required` - whether the robot is of no use without it (`false`)
-    * `retain` - whether the bus keeps its last message (`false`)
+    * `retain` - whether its last message is worth keeping for those who subscribe late (`false`)
     * `max_silence` - the longest time between two of its messages; a sensor silent for longer is `:stale`
   """
   defmacro sensor(name, child), do: entity(:sensor, [name, child], 2, @inside, __CALLER__)

@@ -33,7 +33,7 @@ defmodule BB.Dsl.Grammar do
     [
       required: [type: :boolean],
       retain: [type: :boolean],
-      max_silence: [type: unit(:second, "a time such as ~u(100 millisecond)")]
+      max_silence: [type: {:custom, __MODULE__, :check_duration, []}]
     ]
   end
 
@@ -92,6 +92,15 @@ defmodule BB.Dsl.Grammar do
   end
 
   def check_unit(value, _unit, expected), do: refuse(value, expected)
+
+  @doc false
+  def check_duration(value) do
+    expected = "a time above zero such as ~u(100 millisecond)"
+
+    with {:ok, duration} <- check_unit(value, :second, expected) do
+      if duration.value > 0, do: {:ok, duration}, else: refuse(value, expected)
+    end
+  end
 
   defp refuse(%BB.Unit{} = value, expected),
     do: {:error, "expected #{expected}, got: #{BB.Unit.to_string!(value)}"}

@@ -46,7 +46,7 @@ defmodule BB.Sensor.Mpu6050 do
     i2c: [
       type: {:or, [:module, nil]},
       default: nil,
-      doc: "The bus's module; when `nil`, that of `config :ganglion, :i2c`, else `Circuits.I2C`."
+      doc: "The bus's module; when `nil`, that of `BB.Bus.I2C.module/1`."
     ]
   ]
 
@@ -206,7 +206,7 @@ defmodule BB.Sensor.Mpu6050 do
   end
 
   defp open(opts) do
-    i2c = opts[:i2c] || Application.get_env(:ganglion, :i2c, Circuits.I2C)
+    i2c = BB.Bus.I2C.module(opts[:i2c])
     Chip.open(i2c, opts[:bus], opts[:address], opts[:timeout], settings(opts))
   end
 

@@ -28,6 +28,12 @@ defmodule BB.Sensor.NativeProcess do
               default: 500,
               doc: "Milliseconds between SIGTERM and SIGKILL when it is stopped."
             ],
+            nice: [
+              type: {:in, 0..19},
+              default: 5,
+              doc:
+                "How much it gives way to other processes; the BEAM, with the sensors' own deadlines, runs at 0."
+            ],
             log_level: [
               type: {:in, [:debug, :info, :notice, :warning, :error]},
               default: :info,
@@ -116,7 +122,14 @@ defmodule BB.Sensor.NativeProcess do
   end
 
   defp start(program, opts) do
-    guard_args = ["--grace-ms", to_string(opts[:grace_ms]), "--", program]
+    guard_args = [
+      "--grace-ms",
+      to_string(opts[:grace_ms]),
+      "--nice",
+      to_string(opts[:nice]),
+      "--",
+      program
+    ]
 
     Port.open({:spawn_executable, shipped(@guard)}, [
       :binary,

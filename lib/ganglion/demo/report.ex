@@ -6,7 +6,7 @@ defmodule Ganglion.Demo.Report do
   alias BB.Message.Sensor.Imu
   alias BB.Message.Vision.TagDetections
   alias BB.Math.Vec3
-  alias Ganglion.Demo.{Latency, Observation}
+  alias Ganglion.Demo.{Counter, Latency, Observation}
 
   @typedoc "All that a report is made of. `carried` are the counters of outlets and inlets; `topic_of` names a sensor's ring topic."
   @type view :: %{
@@ -70,7 +70,7 @@ defmodule Ganglion.Demo.Report do
     {published, hz} =
       case counter(sensor, view) do
         nil -> {0, 0.0}
-        counter -> {Observation.count(counter), Float.round(Observation.mean_rate(counter), 2)}
+        counter -> {counter.count, Float.round(Counter.mean_rate(counter), 2)}
       end
 
     %{state: sensor.state, published: published, hz: hz, restarts: sensor.restarts}
@@ -86,9 +86,9 @@ defmodule Ganglion.Demo.Report do
     row([
       sensor.name,
       sensor.state,
-      counter && Float.round(Observation.rate(counter), 1),
-      counter && Observation.count(counter),
-      counter && age(Observation.age(counter, view.now)),
+      counter && Float.round(Counter.rate(counter), 1),
+      counter && counter.count,
+      counter && age(Counter.age(counter, view.now)),
       sensor.restarts,
       last_value(sensor, view)
     ])
@@ -139,8 +139,8 @@ defmodule Ganglion.Demo.Report do
       [
         name,
         info.state,
-        Float.round(Observation.rate(counter), 1),
-        Observation.count(counter),
+        Float.round(Counter.rate(counter), 1),
+        counter.count,
         lost,
         length(info.readers)
       ]

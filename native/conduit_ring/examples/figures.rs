@@ -5,7 +5,8 @@
 //! ```
 
 use std::hint::black_box;
-use std::time::Instant;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use conduit_ring::{
     Geometry, Policy, Publisher, PublisherOptions, Read, Start, Subscriber, SubscriberOptions,
@@ -72,7 +73,35 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     report("publish 48 B", publish, None);
     report("publish and read 48 B", both, None);
     assert_eq!(publisher.info().wake_count, 0);
+    report(
+        "wake a sleeper, 1 kHz",
+        latencies(&mut publisher, subscriber),
+        None,
+    );
     Ok(())
+}
+
+/// Time from the stamp of a message to a thread that slept having it, at 1 kHz.
+fn latencies(publisher: &mut Publisher, mut subscriber: Subscriber) -> Vec<f64> {
+    const COUNT: u64 = 2000;
+    let last = publisher.next_sequence() + COUNT - 1;
+    let reader = thread::spawn(move || {
+        let mut buffer = Vec::new();
+        let mut latencies = Vec::new();
+        while let Ok(Read::Message(meta)) = subscriber.read_timeout(&mut buffer, Duration::MAX) {
+            latencies.push((clock::now_ns() - meta.timestamp_ns) as f64);
+            assert_eq!(buffer, [7; SMALL]);
+            if meta.sequence == last {
+                break;
+            }
+        }
+        latencies
+    });
+    for _ in 0..COUNT {
+        thread::sleep(Duration::from_millis(1));
+        assert!(publisher.publish(&[7; SMALL]).is_ok());
+    }
+    reader.join().expect("the reader checks what it receives")
 }
 
 /// Nanoseconds per call.
@@ -85,10 +114,10 @@ fn time(count: u32, mut call: impl FnMut()) -> f64 {
 /// Prints and returns the median.
 fn report(what: &str, mut runs: Vec<f64>, base: Option<f64>) -> f64 {
     runs.sort_by(f64::total_cmp);
-    let (p10, median) = (runs[runs.len() / 10], runs[runs.len() / 2]);
+    let [p10, median, p99] = [10, 50, 99].map(|percent| runs[runs.len() * percent / 100]);
     let ratio = base.map_or(String::new(), |base| {
         format!("  {:.2} x memcpy", median / base)
     });
-    println!("{what:<22} p50 {median:>10.1} ns  p10 {p10:>10.1} ns{ratio}");
+    println!("{what:<22} p10 {p10:>9.1}  p50 {median:>9.1}  p99 {p99:>9.1} ns{ratio}");
     median
 }

@@ -30,7 +30,8 @@ pub(crate) unsafe fn into_shared(from: *const u8, to: *mut u8, len: usize) {
         }
     }
     while len - at >= BLOCK {
-        for word in (at..at + BLOCK).step_by(WORD) {
+        for word in 0..BLOCK / WORD {
+            let word = at + word * WORD;
             // SAFETY: a whole block is left on both sides and the shared side is 8-aligned.
             unsafe { store_word(from.wrapping_add(word), to.wrapping_add(word)) };
         }
@@ -73,7 +74,8 @@ pub(crate) unsafe fn out_of_shared(from: *const u8, to: *mut u8, len: usize) {
         }
     }
     while len - at >= BLOCK {
-        for word in (at..at + BLOCK).step_by(WORD) {
+        for word in 0..BLOCK / WORD {
+            let word = at + word * WORD;
             // SAFETY: a whole block is left on both sides and the shared side is 8-aligned.
             unsafe { load_word(from.wrapping_add(word), to.wrapping_add(word)) };
         }

@@ -4,6 +4,7 @@ use std::io;
 use std::path::Path;
 
 use crate::attach::{self, Attached};
+use crate::claim;
 use crate::clock;
 use crate::error::Error;
 use crate::header::{Header, Origin};
@@ -59,6 +60,7 @@ fn create(topic: &Topic, options: &PublisherOptions) -> Result<Option<Attached>,
         .map_err(Error::os("write", path))?;
     lock(topic, &segment)?;
     let attached = attach::map(topic, segment, header, Access::Write, true)?;
+    claim::prepare(&attached.memory);
     introduce(&attached.memory);
     // Release: meets the Acquire of whoever finds the magic; readers find it by the file's name anyway.
     attached.memory.u32(MAGIC).store(EXT_MAGIC, Release);

@@ -29,7 +29,7 @@ use loom::model::Builder;
 use loom::sync::Arc;
 use loom::thread;
 
-use crate::claim::{Claim, Claimant, LineLocks, reclaim_leaked};
+use crate::claim::{Claim, Claimant, LineLocks, prepare, reclaim_leaked};
 use crate::geometry::Geometry;
 use crate::layout::{
     FUTEX_WORD, NATIVE_MASK, ReaderLine, SLOT_LEN, SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI,
@@ -50,7 +50,9 @@ fn check(preemptions: usize, model: impl Fn() + Sync + Send + 'static) {
 }
 
 fn two_slots() -> Arc<Memory> {
-    Arc::new(Memory::new(Geometry::exact(2, 24).unwrap()))
+    let memory = Memory::new(Geometry::exact(2, 24).unwrap());
+    prepare(&memory);
+    Arc::new(memory)
 }
 
 /// Payload and time of a message say its number in two ways.

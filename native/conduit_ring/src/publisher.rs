@@ -25,7 +25,7 @@ pub struct PublisherOptions {
     pub geometry: Geometry,
     /// The encoding of the messages.
     pub content: ContentTag,
-    /// Permissions of the file, whatever the umask.
+    /// Permissions of the file, whatever the umask. A file that is taken over keeps its own, and its group.
     pub mode: u32,
     /// Group of the file; the process's own if `None`.
     pub group: Option<u32>,

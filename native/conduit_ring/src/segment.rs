@@ -11,9 +11,6 @@ use std::ptr;
 use std::sync::atomic::AtomicU32;
 use std::time::Duration;
 
-/// Linux's, which the libc crate does not have everywhere.
-const F_SETSIG: libc::c_int = 10;
-
 /// An open segment file. Locks belong to it, not to the process.
 #[derive(Debug)]
 pub(crate) struct Segment {
@@ -164,21 +161,19 @@ impl Segment {
         check(unsafe { libc::fcntl(self.fd(), command, ptr::from_mut(lock)) }).map(drop)
     }
 
-    /// Whether no process, this one apart, has the file open for writing or mapped so. A write lease is granted just
-    /// then; who may not ask for one cannot know.
+    /// Whether nobody else has the file open for writing or mapped so. A write lease is granted just then; who may not ask
+    /// for one cannot know. Whoever opens the file while the lease is held is what the signal would tell, whose default
+    /// would end this process; SIGURG is ignored by default.
     pub(crate) fn is_unused(&self) -> bool {
-        // Who opens the file while the lease is held makes the kernel send its holder SIGIO, which would end this process.
-        // SIGURG is ignored by default.
-        // SAFETY: F_SETSIG takes an int.
-        if check(unsafe { libc::fcntl(self.fd(), F_SETSIG, libc::SIGURG) }).is_err() {
-            return false;
-        }
-        // SAFETY: F_SETLEASE takes an int.
-        let granted =
-            check(unsafe { libc::fcntl(self.fd(), libc::F_SETLEASE, libc::F_WRLCK) }).is_ok();
+        let ask = |command, argument: i32| {
+            // SAFETY: the commands used here take an int.
+            check(unsafe { libc::fcntl(self.fd(), command, argument) })
+        };
+        let granted = ask(F_SETSIG, libc::SIGURG)
+            .and_then(|_| ask(libc::F_SETLEASE, libc::F_WRLCK))
+            .is_ok();
         if granted {
-            // SAFETY: as above.
-            let _ = check(unsafe { libc::fcntl(self.fd(), libc::F_SETLEASE, libc::F_UNLCK) });
+            let _ = ask(libc::F_SETLEASE, libc::F_UNLCK);
         }
         granted
     }
@@ -206,6 +201,9 @@ impl Segment {
         self.file.as_raw_fd()
     }
 }
+
+/// Linux's number, which libc does not name.
+const F_SETSIG: i32 = 10;
 
 /// OFD locks always take 64-bit offsets; glibc's plain `flock` has 32-bit ones on 32-bit machines.
 #[cfg(all(target_env = "gnu", target_pointer_width = "32"))]
@@ -377,10 +375,8 @@ pub(crate) fn realtime_ns() -> i64 {
 
 #[inline]
 fn clock_ns(id: libc::clockid_t) -> u64 {
-    let mut now = libc::timespec {
-        tv_sec: 0,
-        tv_nsec: 0,
-    };
+    // SAFETY: all-zero bytes are a valid timespec, whose padding differs from C library to C library.
+    let mut now: libc::timespec = unsafe { std::mem::zeroed() };
     // SAFETY: the timespec is exclusively borrowed; both clocks exist on every Linux that has OFD locks.
     unsafe { libc::clock_gettime(id, &mut now) };
     (now.tv_sec as u64)

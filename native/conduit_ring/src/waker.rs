@@ -63,7 +63,7 @@ impl Waker {
     }
 
     pub(crate) fn take(&self) -> bool {
-        let woken = self.shared.woken.swap(false, SeqCst);
+        let woken = self.is_woken() && self.shared.woken.swap(false, SeqCst);
         if woken {
             self.shared.event.clear();
         }

@@ -126,6 +126,7 @@ pub(crate) fn notify(memory: &Memory) -> Wake {
 
 /// Tells readers that something changed and wakes all of them, whatever the masks say.
 pub(crate) fn notify_all(memory: &Memory) {
+    // Release: meets the Acquire in wait::sleep.
     memory.u32(FUTEX_WORD).fetch_add(1, Ordering::Release);
     memory.futex_wake();
 }

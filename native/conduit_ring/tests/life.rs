@@ -374,3 +374,56 @@ fn a_subscriber_that_finds_all_slots_taken_after_a_retirement_says_so_and_gets_i
     assert_eq!(next(&mut late, &mut Vec::new()), Read::PublisherUp);
     assert_eq!(next_message(&mut late, &mut Vec::new()), (0, 0));
 }
+
+#[test]
+fn a_reader_killed_in_the_midst_of_claiming_or_giving_up_leaks_no_slot() {
+    let topic = Scratch::new();
+    let publisher = publisher(&topic);
+    let raw = Raw::open(&topic).unwrap();
+    // All lines: bit set, native bit not yet or no more, and nobody holds the lock.
+    raw.u32(128).store(0xFFFF, Relaxed);
+    (0..16).for_each(|i| raw.u64(192 + 64 * i + 32).store(7, Relaxed));
+    let readers: Vec<_> = (0..16).map(|_| subscriber(&topic)).collect();
+    assert!(
+        publisher
+            .info()
+            .readers
+            .iter()
+            .all(|reader| reader.native && reader.alive)
+    );
+    drop(readers);
+    assert_eq!(publisher.info().readers, []);
+}
+
+#[test]
+fn an_abandoned_topic_stays_for_the_next_publisher() {
+    let topic = Scratch::new();
+    let mut first = publisher(&topic);
+    let mut subscriber = subscriber(&topic);
+    first.publish(b"x").unwrap();
+    let instance = first.info().instance_id;
+    first.abandon();
+    assert_eq!(Info::read(&topic).unwrap().state, State::Dead);
+    let mut second = publisher(&topic);
+    assert_eq!(
+        (second.publish(b"y"), second.info().instance_id),
+        (Ok(1), instance)
+    );
+    let mut buffer = Vec::new();
+    assert_eq!(next_message(&mut subscriber, &mut buffer), (0, 0));
+    assert_eq!(next_message(&mut subscriber, &mut buffer), (1, 0));
+}
+
+#[test]
+fn a_policy_can_be_changed() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut subscriber = subscriber(&topic);
+    for _ in 0..4 {
+        publisher.publish(b"x").unwrap();
+    }
+    let mut buffer = Vec::new();
+    assert_eq!(next_message(&mut subscriber, &mut buffer), (0, 0));
+    subscriber.set_policy(Policy::Latest);
+    assert_eq!(next_message(&mut subscriber, &mut buffer), (3, 2));
+}

@@ -16,6 +16,7 @@ enum Step {
     Subscribe(SubscriberOptions),
     Read(usize),
     Leave(usize),
+    Succeed,
 }
 
 struct ModelReader {
@@ -71,19 +72,17 @@ fn step() -> impl Strategy<Value = Step> {
         1 => subscribe,
         8 => any::<usize>().prop_map(Step::Read),
         1 => any::<usize>().prop_map(Step::Leave),
+        1 => Just(Step::Succeed),
     ]
 }
 
 fn run(geometry: Geometry, steps: Vec<Step>) -> Result<(), TestCaseError> {
     let topic = Scratch::new();
-    let mut publisher = Publisher::open(
-        &topic,
-        &PublisherOptions {
-            geometry,
-            ..Default::default()
-        },
-    )
-    .unwrap();
+    let options = PublisherOptions {
+        geometry,
+        ..Default::default()
+    };
+    let mut publisher = Publisher::open(&topic, &options).unwrap();
     let mut model = Model {
         slots: geometry.slot_count() as usize,
         messages: Vec::new(),
@@ -91,6 +90,7 @@ fn run(geometry: Geometry, steps: Vec<Step>) -> Result<(), TestCaseError> {
     let mut readers: Vec<(Subscriber, ModelReader)> = Vec::new();
     let mut buffer = Vec::new();
     let mut rejected = 0;
+    let mut epoch = 0;
     for step in steps {
         match step {
             Step::Publish(parts) => {
@@ -119,6 +119,11 @@ fn run(geometry: Geometry, steps: Vec<Step>) -> Result<(), TestCaseError> {
             }
             Step::Subscribe(options) => prop_assert!(Subscriber::open(&topic, &options).is_err()),
             Step::Read(_) | Step::Leave(_) if readers.is_empty() => {}
+            Step::Succeed => {
+                publisher.abandon();
+                publisher = Publisher::open(&topic, &options).unwrap();
+                epoch += 1;
+            }
             Step::Leave(who) => drop(readers.swap_remove(who % readers.len())),
             Step::Read(who) => {
                 let who = who % readers.len();
@@ -138,6 +143,7 @@ fn run(geometry: Geometry, steps: Vec<Step>) -> Result<(), TestCaseError> {
         }
     }
     let info = publisher.info();
+    prop_assert_eq!(info.epoch, epoch);
     prop_assert_eq!(
         (info.published, info.rejected_oversize),
         (model.messages.len() as u64, rejected)

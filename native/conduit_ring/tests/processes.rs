@@ -19,6 +19,13 @@ fn child() {
     match role() {
         None => {}
         Some((role, topic)) if role == "publisher" => publish_for_ever(&topic),
+        Some((role, topic)) if role == "restless publisher" => come_and_go(&topic),
+        Some((role, topic)) if role == "restless reader" => claim_and_leave(&topic),
+        Some((role, topic)) if role == "restful publisher" => {
+            let _publisher = Publisher::open(&topic, &options()).unwrap();
+            tell_ready();
+            std::thread::sleep(Duration::MAX);
+        }
         Some((_, topic)) => read_for_ever(&topic),
     }
 }
@@ -50,6 +57,21 @@ fn read_for_ever(topic: &Topic) {
     loop {
         next_message(&mut subscriber, &mut buffer);
         proven_number(&buffer).unwrap();
+    }
+}
+
+fn come_and_go(topic: &Topic) {
+    tell_ready();
+    loop {
+        let mut publisher = Publisher::open(topic, &options()).unwrap();
+        assert!(publisher.publish(b"here").is_ok());
+    }
+}
+
+fn claim_and_leave(topic: &Topic) {
+    tell_ready();
+    loop {
+        drop(Subscriber::open(topic, &SubscriberOptions::default()).unwrap());
     }
 }
 
@@ -198,4 +220,60 @@ fn a_reader_killed_in_its_sleep_does_not_cost_a_wake_up_for_ever() {
     assert!(wakes <= 100, "{wakes}");
     publisher.publish(b"x").unwrap();
     assert_eq!(publisher.info().wake_count, wakes);
+}
+
+#[test]
+fn a_publisher_killed_at_any_instant_leaves_a_topic_that_the_next_one_can_open() {
+    let topic = Scratch::new();
+    let mut subscriber = Subscriber::open(&topic, &SubscriberOptions::default()).unwrap();
+    let mut buffer = Vec::new();
+    for _ in 0..20 {
+        let helper = Helper::start("restless publisher", &topic);
+        next_message(&mut subscriber, &mut buffer);
+        helper.kill();
+        let mut publisher = Publisher::open(&topic, &options()).unwrap();
+        let n = publisher.publish(b"and on").unwrap();
+        while buffer != b"and on" {
+            next_message(&mut subscriber, &mut buffer);
+        }
+        assert_eq!(n, publisher.next_sequence() - 1);
+    }
+}
+
+#[test]
+fn readers_killed_while_they_claim_and_leave_leak_no_slot() {
+    let topic = Scratch::new();
+    let publisher = Publisher::open(&topic, &options()).unwrap();
+    for _ in 0..20 {
+        let helpers: Vec<Helper> = (0..2)
+            .map(|_| Helper::start("restless reader", &topic))
+            .collect();
+        helpers.into_iter().for_each(Helper::kill);
+    }
+    let open = |_| Subscriber::open(&topic, &SubscriberOptions::default()).unwrap();
+    let sixteen: Vec<Subscriber> = (0..16).map(open).collect();
+    assert_eq!(publisher.info().readers.len(), 16);
+    drop(sixteen);
+    assert_eq!(publisher.info().readers, []);
+}
+
+#[test]
+fn a_takeover_wakes_a_subscriber_that_sleeps() {
+    let topic = Scratch::new();
+    let helper = Helper::start("restful publisher", &topic);
+    let mut subscriber = Subscriber::open(&topic, &SubscriberOptions::default()).unwrap();
+    assert!(subscriber.publisher_up());
+    helper.kill();
+    let mut buffer = Vec::new();
+    assert_eq!(next(&mut subscriber, &mut buffer), Read::PublisherDown);
+    let sleeper = std::thread::spawn(move || {
+        let read = next(&mut subscriber, &mut buffer);
+        (read, next_message(&mut subscriber, &mut buffer))
+    });
+    while !Info::read(&topic).unwrap().readers[0].waiting {
+        std::thread::yield_now();
+    }
+    let mut successor = Publisher::open(&topic, &options()).unwrap();
+    successor.publish(b"again").unwrap();
+    assert_eq!(sleeper.join().unwrap(), (Read::PublisherUp, (0, 0)));
 }

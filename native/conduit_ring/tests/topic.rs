@@ -192,3 +192,13 @@ fn lost_messages_are_counted_for_the_message_after_them() {
     assert_eq!((meta.sequence, meta.lost), (8, 0));
     assert_eq!(history.content(), Some(ContentTag::of("x")));
 }
+
+#[test]
+fn publishers_subscribers_and_wakers_can_move_to_other_threads() {
+    fn moves<T: Send>() {}
+    fn is_shared<T: Send + Sync>() {}
+    moves::<Publisher>();
+    moves::<Subscriber>();
+    is_shared::<conduit_ring::Waker>();
+    is_shared::<Error>();
+}

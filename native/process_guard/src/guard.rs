@@ -7,6 +7,7 @@ use std::process::{ExitCode, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use nix::errno::Errno;
+use nix::libc;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::prctl;
 use nix::sys::signal::{SigSet, Signal, kill, killpg};
@@ -45,14 +46,14 @@ fn watch_signals() -> nix::Result<SignalFd> {
 }
 
 fn spawn(command: &Command) -> io::Result<Pid> {
-    let guard = Pid::this();
+    let (guard, nice) = (Pid::this(), command.nice);
     let mut program = std::process::Command::new(&command.program);
     program
         .args(&command.arguments)
         .stdin(Stdio::null())
         .process_group(0);
     // SAFETY: the closure runs between fork and exec and makes only async-signal-safe system calls.
-    unsafe { program.pre_exec(move || die_with(guard)) };
+    unsafe { program.pre_exec(move || prepare(guard, nice)) };
     let child = program.spawn().map_err(|error| {
         io::Error::new(
             error.kind(),
@@ -62,9 +63,12 @@ fn spawn(command: &Command) -> io::Result<Pid> {
     Ok(Pid::from_raw(child.id().cast_signed()))
 }
 
-/// Asks the kernel to kill this process when `guard` dies, and notices a guard that is dead already.
-fn die_with(guard: Pid) -> io::Result<()> {
+/// In the program's process, before it becomes the program: it is to die with `guard`, which may be dead already, to be
+/// polite, and to have signals again.
+fn prepare(guard: Pid, nice: i32) -> io::Result<()> {
     prctl::set_pdeathsig(Signal::SIGKILL)?;
+    // SAFETY: a system call on a number alone. Giving way is always allowed.
+    unsafe { libc::nice(nice) };
     SigSet::empty().thread_set_mask()?;
     if getppid() == guard {
         Ok(())

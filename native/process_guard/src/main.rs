@@ -1,7 +1,7 @@
 //! Runs one program for a supervisor that reads its output through a pipe, and lets nothing of it outlive that supervisor.
 //!
 //! ```text
-//! process_guard [--grace-ms N] [--] PROGRAM [ARGUMENT…]
+//! process_guard [--grace-ms N] [--nice N] [--] PROGRAM [ARGUMENT…]
 //! ```
 //!
 //! The program gets an empty standard input and the guard's own standard output and error. The guard ends it (SIGTERM to

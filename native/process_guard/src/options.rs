@@ -6,9 +6,10 @@ use std::time::Duration;
 pub const HELP: &str = "\
 Run a program that cannot outlive its supervisor.
 
-usage: process_guard [--grace-ms N] [--] PROGRAM [ARGUMENT...]
+usage: process_guard [--grace-ms N] [--nice N] [--] PROGRAM [ARGUMENT...]
 
   --grace-ms N   time between SIGTERM and SIGKILL, 0 to 60000 (default 500)
+  --nice N       how much the program gives way to others, 0 to 19 (default 0)
   --help         this text
 ";
 
@@ -20,6 +21,7 @@ pub struct Command {
     pub program: OsString,
     pub arguments: Vec<OsString>,
     pub grace: Duration,
+    pub nice: i32,
 }
 
 /// What the command line asks for.
@@ -32,40 +34,45 @@ pub enum Request {
 pub fn parse(arguments: impl Iterator<Item = OsString>) -> Result<Request, String> {
     let mut arguments = arguments.peekable();
     let mut grace = DEFAULT_GRACE;
+    let mut nice = 0;
     while let Some(option) =
         arguments.next_if(|argument| argument.to_string_lossy().starts_with("--"))
     {
         match option.to_str() {
             Some("--help") => return Ok(Request::Help),
-            Some("--grace-ms") => grace = parse_grace(arguments.next())?,
+            Some("--grace-ms") => {
+                grace = Duration::from_millis(number("--grace-ms", 60_000, arguments.next())?);
+            }
+            Some("--nice") => nice = number("--nice", 19, arguments.next())? as i32,
             Some("--") => break,
             _ => {
+                let option = option.display();
                 return Err(format!(
-                    "unknown option {}; accepted: --grace-ms N, --help",
-                    option.display()
+                    "unknown option {option}; accepted: --grace-ms N, --nice N, --help"
                 ));
             }
         }
     }
     let program = arguments.next().ok_or(
-        "no program given; usage: process_guard [--grace-ms N] [--] PROGRAM [ARGUMENT...]",
+        "no program given; usage: process_guard [--grace-ms N] [--nice N] [--] PROGRAM [ARGUMENT...]",
     )?;
+    let arguments = arguments.collect();
     Ok(Request::Run(Command {
         program,
-        arguments: arguments.collect(),
+        arguments,
         grace,
+        nice,
     }))
 }
 
-fn parse_grace(value: Option<OsString>) -> Result<Duration, String> {
-    let text = value.ok_or("--grace-ms needs a number")?;
+fn number(option: &str, most: u64, value: Option<OsString>) -> Result<u64, String> {
+    let text = value.ok_or_else(|| format!("{option} needs a number"))?;
     text.to_str()
         .and_then(|text| text.parse().ok())
-        .filter(|ms| *ms <= 60_000)
-        .map(Duration::from_millis)
+        .filter(|number| *number <= most)
         .ok_or_else(|| {
             format!(
-                "--grace-ms takes a whole number from 0 to 60000, got {}",
+                "{option} takes a whole number from 0 to {most}, got {}",
                 text.display()
             )
         })
@@ -107,6 +114,11 @@ mod tests {
             parse_all(&["--grace-ms", "soon", "echo"])
                 .unwrap_err()
                 .contains("got soon")
+        );
+        assert!(
+            parse_all(&["--nice", "20", "echo"])
+                .unwrap_err()
+                .contains("0 to 19, got 20")
         );
         assert!(parse_all(&[]).unwrap_err().contains("no program given"));
     }

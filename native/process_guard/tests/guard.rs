@@ -133,3 +133,15 @@ fn the_death_of_the_guard_is_the_death_of_the_program() {
     child.wait().unwrap();
     wait_until_gone(pids[0]);
 }
+
+#[test]
+fn a_nice_program_gives_way_to_others() {
+    let script = ["--nice", "7", "sh", "-c", "nice"];
+    let mut child = guard(&script).spawn().unwrap();
+    let mut line = String::new();
+    BufReader::new(child.stdout.take().unwrap())
+        .read_line(&mut line)
+        .unwrap();
+    wait_with_stdin(child);
+    assert_eq!(line, "7\n");
+}

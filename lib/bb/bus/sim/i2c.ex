@@ -2,9 +2,9 @@ defmodule BB.Bus.Sim.I2C do
   @moduledoc """
   Simulated I2C with the interface of `Circuits.I2C` 2: the same names, arities, results and error atoms.
 
-  A driver takes its bus's module from its options or the configuration and so runs on either:
+  A driver takes its bus's module from `BB.Bus.I2C` and so runs on either:
 
-      i2c = opts[:i2c] || Application.get_env(:ganglion, :i2c, Circuits.I2C)
+      i2c = BB.Bus.I2C.module(opts[:i2c])
       {:ok, bus} = i2c.open("i2c-1", timeout: 20)
       {:ok, <<0x68>>} = i2c.write_read(bus, 0x68, <<0x75>>, 1)
 

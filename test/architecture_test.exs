@@ -1,0 +1,502 @@
+defmodule ArchitectureTest do
+  @moduledoc """
+  Holds the arrows: which part of the project may name which. A new arrow fails here, and is either a mistake or a line in
+  a table below, which says so to everyone who reads the change.
+
+  What a module names is read from its source (`BB.Test.Source` says why), so that `use`, `alias`, types and patterns count
+  as calls do. For Rust it is the dependencies in each `Cargo.toml`, without which the compiler lets no crate name another.
+  """
+
+  use ExUnit.Case, async: true
+
+  alias BB.Test.Source
+
+  # Each part: its modules, and the parts that it may name beside itself. `BB.Math.*` is BB.Math and all below it; of several
+  # patterns that fit a module the closest counts. A part may name only parts above it, so that no arrows make a circle.
+  @parts [
+    path: {~w(BB.Path), []},
+    options: {~w(BB.Options.*), []},
+    math: {~w(BB.Math.*), []},
+    unit: {~w(BB.Unit.*), []},
+    telemetry: {~w(BB.Telemetry), []},
+    envelope: {~w(BB.Message BB.Message.Compiler.*), [:options]},
+    payload: {~w(BB.Message.*), [:envelope, :options, :math]},
+
+    # The bus moves messages and does not read them: no payload.
+    pub_sub: {~w(BB.PubSub.*), [:path, :envelope]},
+
+    # What runs and what keeps it running. The declaration is data: the robot, and its components as it declares them.
+    process: {~w(BB.Process), []},
+    declaration: {~w(BB.Component BB.Robot.*), [:unit]},
+    component:
+      {~w(BB.Component.*), ~w(declaration process pub_sub envelope payload options telemetry)a},
+    sensor:
+      {~w(BB.Sensor BB.Sensor.Server BB.Sensor.SensorProfile),
+       ~w(declaration component pub_sub envelope payload options)a},
+    dsl: {~w(BB.Dsl.*), ~w(declaration sensor options unit)a},
+    supervisor: {~w(BB.Supervisor.*), ~w(declaration component process pub_sub options)a},
+    facade: {~w(BB), ~w(dsl supervisor process pub_sub)a},
+
+    # Drivers, and the bus as they see it. What is simulated behind it they cannot name.
+    loop: {~w(BB.Loop), ~w(envelope unit telemetry)a},
+    bus: {~w(BB.Bus.*), []},
+    simulation: {~w(BB.Bus.Sim.*), []},
+    driver: {~w(BB.Sensor.*), ~w(sensor loop bus envelope payload math unit options)a},
+
+    # Outlets and inlets are sensors too, docs/decisions/0003.
+    ring: {~w(BB.Ring.*), [:options]},
+    handoff: {~w(BB.Handoff.*), ~w(facade sensor ring envelope payload math options)a},
+
+    # Composition.
+    ganglion:
+      {~w(Ganglion.*),
+       ~w(facade sensor driver handoff ring simulation path envelope payload math)a}
+  ]
+
+  # What comes from outside, and which of our modules may name it.
+  @outside [
+    {~r/^(Nerves|VintageNet|Circuits)/, ~w(BB.Bus.* BB.Firmware.*)},
+    {~r/^Rustler/, ~w(BB.Ring.Loader)}
+  ]
+
+  # Each crate: the crates of ours that it may depend on. Siblings that name the ring do not name each other.
+  @crates %{
+    "conduit_ring" => [],
+    "conduit_ring_c" => ["conduit_ring"],
+    "conduit_ring_nif" => ["conduit_ring"],
+    "ganglion_messages" => [],
+    "process_guard" => [],
+    "program" => [],
+    "camera" => ["conduit_ring", "ganglion_messages", "program"],
+    "vision_tags" => ["conduit_ring", "ganglion_messages", "program"]
+  }
+
+  # What the tests of a crate may depend on besides: the detector is tested with the camera's rendered scene.
+  @crates_in_tests %{"vision_tags" => ["camera"]}
+
+  # Crates through which a program calls the operating system, and the files of ours that may name them.
+  @system_crates ~w(libc rustix nix)
+  @system_files %{
+    "conduit_ring" => ["native/conduit_ring/src/segment.rs"],
+    "process_guard" => ["native/process_guard/src/guard.rs"]
+  }
+
+  # All other crates of ours have no `unsafe` at all, but in tests.
+  @unsafe_crates ~w(camera conduit_ring conduit_ring_c conduit_ring_nif process_guard)
+
+  @homeless ~w(utils util helpers helper common misc)
+
+  setup_all do
+    files = "lib/**/*.ex" |> Path.wildcard() |> Enum.sort()
+    %{sources: Enum.map(files, &Source.read!/1)}
+  end
+
+  describe "the parts" do
+    test "each may name only those above it" do
+      for {{part, {_, may_name}}, index} <- Enum.with_index(@parts) do
+        above = @parts |> Enum.take(index) |> Keyword.keys()
+        assert may_name -- above == [], "#{part} names a part that does not stand above it"
+      end
+    end
+
+    test "are made of all our modules", %{sources: sources} do
+      homeless = for source <- sources, module <- source.modules, !part(module), do: module
+      assert homeless == [], "no part in @parts has #{inspect(homeless)}"
+    end
+
+    test "all have modules", %{sources: sources} do
+      inhabited = for source <- sources, uniq: true, do: part(hd(source.modules))
+      assert Keyword.keys(@parts) -- inhabited == []
+    end
+  end
+
+  describe "a module" do
+    test "names only parts that its own may name", %{sources: sources} do
+      assert_none(sources, &forbidden_parts/1)
+    end
+
+    test "of a driver names no other driver", %{sources: sources} do
+      assert_none(sources, &other_drivers/1)
+    end
+
+    test "of a driver names one bus at most", %{sources: sources} do
+      assert_none(sources, &second_bus/1)
+    end
+
+    test "names what comes from outside only where its place is", %{sources: sources} do
+      assert_none(sources, &forbidden_outside/1)
+    end
+
+    test "of Nerves, VintageNet or Circuits is named by one of ours at most", %{sources: sources} do
+      {boards, _where} = hd(@outside)
+
+      namers =
+        for source <- sources,
+            {name, _line} <- source.names,
+            inspect(name) =~ boards,
+            uniq: true do
+          {name, source.file}
+        end
+
+      assert namers == Enum.uniq_by(namers, &elem(&1, 0))
+    end
+
+    test "has the name of its file", %{sources: sources} do
+      assert_none(sources, &misnamed/1)
+    end
+  end
+
+  test "what is compiled into the application is what stands in lib/", %{sources: sources} do
+    compiled =
+      for module <- Application.spec(:ganglion, :modules),
+          file = Path.relative_to_cwd(to_string(module.module_info(:compile)[:source])),
+          match?("lib/" <> _, file),
+          uniq: true,
+          do: file
+
+    assert Enum.sort(compiled) == Enum.map(sources, & &1.file)
+  end
+
+  test "no folder and no file is called by what it is not" do
+    paths = Enum.flat_map(~w(lib test bench examples docs bin native/*/{src,tests}), &tree/1)
+
+    homeless =
+      Enum.filter(paths, fn path ->
+        Enum.any?(Path.split(path), &(Path.rootname(&1) in @homeless))
+      end)
+
+    assert homeless == [], "a function without a home is a missing noun: #{inspect(homeless)}"
+  end
+
+  describe "the test itself" do
+    test "sees a forbidden arrow, with its file and line, in whatever form it is drawn" do
+      source = """
+      defmodule BB.PubSub.Reader do
+        alias BB.Message.Sensor.{Imu, Range}
+        alias BB.{Path, Sensor}
+        import BB.Dsl, only: []
+        use BB.Handoff.Made.Up
+
+        @type t :: BB.Ring.Publisher.t()
+
+        def read(%BB.Robot.Link{}), do: Sensor.Mpu6050
+        def read(%Imu{}), do: {Path, :"Elixir.Ganglion.Robot"}
+
+        defmacro a_driver, do: quote(do: BB.Sensor.health(BB.Unknown))
+      end
+      """
+
+      assert source |> judge("lib/bb/pub_sub/reader.ex", &forbidden_parts/1) |> arrows() == [
+               {2, "BB.Message.Sensor.Imu", "payload"},
+               {2, "BB.Message.Sensor.Range", "payload"},
+               {3, "BB.Sensor", "sensor"},
+               {4, "BB.Dsl", "dsl"},
+               {5, "BB.Handoff.Made.Up", "handoff"},
+               {7, "BB.Ring.Publisher", "ring"},
+               {9, "BB.Robot.Link", "declaration"},
+               {9, "BB.Sensor.Mpu6050", "driver"},
+               {10, "BB.Message.Sensor.Imu", "payload"},
+               {10, "Ganglion.Robot", "ganglion"},
+               {12, "BB.Sensor", "sensor"},
+               {12, "BB.Unknown", "no part"}
+             ]
+    end
+
+    test "says what is wrong and where" do
+      source = "defmodule BB.Path do\n  alias BB.Unit\nend\n"
+
+      assert judge(source, "lib/bb/path.ex", &forbidden_parts/1) == [
+               "lib/bb/path.ex:2: path -> unit: BB.Path names BB.Unit; path may name nothing else"
+             ]
+    end
+
+    test "leaves the allowed arrows alone" do
+      source = """
+      defmodule BB.Sensor.Thing do
+        use BB.Sensor
+        alias BB.{Loop, Message}
+        alias __MODULE__.Registers
+        def read, do: {Loop, Message, Registers, Enum, BB.Bus.I2C, BB.Math.Vec3}
+      end
+      """
+
+      for rule <- [
+            &forbidden_parts/1,
+            &other_drivers/1,
+            &second_bus/1,
+            &forbidden_outside/1,
+            &misnamed/1
+          ],
+          do: assert(judge(source, "lib/bb/sensor/thing.ex", rule) == [])
+    end
+
+    test "sees a driver that names another, two buses, a board's library or a file not its own" do
+      source = """
+      defmodule BB.Sensor.Thing do
+        alias BB.Sensor.Mpu6050, as: Other
+        def read, do: {Other.Registers, BB.Bus.I2C, BB.Bus.GPIO}
+        def there?, do: Circuits.I2C.detect_devices("i2c-1")
+      end
+      """
+
+      assert [~s(lib/bb/sensor/other.ex:2:) <> _, ~s(lib/bb/sensor/other.ex:3:) <> _] =
+               judge(source, "lib/bb/sensor/other.ex", &other_drivers/1)
+
+      assert [two_buses] = judge(source, "lib/bb/sensor/other.ex", &second_bus/1)
+      assert two_buses =~ "BB.Bus.I2C, BB.Bus.GPIO"
+      assert [outside] = judge(source, "lib/bb/sensor/other.ex", &forbidden_outside/1)
+      assert outside =~ "lib/bb/sensor/other.ex:4: BB.Sensor.Thing names Circuits.I2C"
+      assert [misnamed] = judge(source, "lib/bb/sensor/other.ex", &misnamed/1)
+      assert misnamed =~ "lib/bb/sensor/other.ex defines BB.Sensor.Thing"
+    end
+  end
+
+  describe "a crate" do
+    test "depends only on those of ours that it may" do
+      for {crate, manifest} <- crates() do
+        assert Map.has_key?(@crates, crate), "no row in @crates has #{crate}"
+        broken = forbidden_crates(crate, manifest)
+        assert broken == [], Enum.join(broken, "\n")
+      end
+    end
+
+    test "that names a sibling is found, with file and line" do
+      manifest = """
+      [dependencies]
+      conduit_ring.workspace = true
+      camera.workspace = true
+
+      [dev-dependencies]
+      vision_tags = { path = "../vision_tags" }
+      """
+
+      assert forbidden_crates("conduit_ring_nif", manifest) == [
+               "native/conduit_ring_nif/Cargo.toml:3: conduit_ring_nif -> camera",
+               "native/conduit_ring_nif/Cargo.toml:6: conduit_ring_nif -> vision_tags, for its tests"
+             ]
+    end
+
+    test "calls the operating system only in the file that is for it" do
+      for {crate, manifest} <- crates() do
+        files = Map.get(@system_files, crate, [])
+
+        for name <- dependencies(manifest, ~w(dependencies build-dependencies)),
+            name in @system_crates,
+            do: assert(files != [], "native/#{crate}/Cargo.toml: #{crate} -> #{name}")
+
+        calls = ~r/\b(#{Enum.join(@system_crates, "|")})::|\bextern\s+"C"\s*\{|\basm!/
+        assert rust_lines("native/#{crate}/src", calls) |> reject_files(files) == []
+      end
+    end
+
+    test "has unsafe code only if it is one of those that deal with memory or other languages" do
+      for {crate, _manifest} <- crates(), crate not in @unsafe_crates do
+        assert rust_lines("native/#{crate}/src", ~r/\bunsafe\b/) == []
+      end
+    end
+  end
+
+  test "the reader of Cargo.toml sees dependencies however they are written" do
+    manifest = """
+    [dependencies]
+    conduit_ring.workspace = true
+    # camera = "1"
+    png = { version = "1", features = [
+      "std",
+    ] }
+    renamed = { package = "vision_tags", path = "../vision_tags" }
+
+    [dependencies.program]
+    workspace = true
+
+    [target.'cfg(unix)'.dependencies]
+    camera = { path = "../camera" }
+
+    [dev-dependencies]
+    process_guard = "1"
+    """
+
+    assert Enum.sort(dependencies(manifest, ~w(dependencies))) ==
+             ~w(camera conduit_ring png program vision_tags)
+
+    assert dependencies(manifest, ~w(dev-dependencies)) == ~w(process_guard)
+  end
+
+  # The rules: what a source breaks, a sentence each.
+
+  defp forbidden_parts(%Source{modules: [module | _]} = source) do
+    {_, may_name} = @parts[part(module)] || {[], []}
+
+    for {name, line} <- source.names,
+        ours?(name),
+        part(name) not in [part(module) | may_name] or part(name) == nil do
+      "#{source.file}:#{line}: #{part(module)} -> #{part(name) || "no part"}: " <>
+        "#{inspect(module)} names #{inspect(name)}; #{part(module)} may name #{listed(may_name)}"
+    end
+  end
+
+  defp other_drivers(%Source{modules: [module | _]} = source) do
+    for {name, line} <- source.names,
+        part(module) == :driver,
+        part(name) == :driver,
+        chip(name) != chip(module) do
+      "#{source.file}:#{line}: #{inspect(module)} names another driver, #{inspect(name)}"
+    end
+  end
+
+  defp second_bus(%Source{modules: [module | _]} = source) do
+    buses = for {name, _line} <- source.names, part(name) == :bus, uniq: true, do: inspect(name)
+
+    if part(module) == :driver and length(buses) > 1,
+      do: ["#{source.file}: #{inspect(module)} names several buses: #{Enum.join(buses, ", ")}"],
+      else: []
+  end
+
+  defp forbidden_outside(%Source{modules: [module | _]} = source) do
+    for {name, line} <- source.names,
+        {outside, places} <- @outside,
+        inspect(name) =~ outside,
+        not Enum.any?(places, &fits?(&1, module)) do
+      "#{source.file}:#{line}: #{inspect(module)} names #{inspect(name)}, which belongs in #{Enum.join(places, " and ")}"
+    end
+  end
+
+  # Words run together in a file's name too: `transform2d.ex` has BB.Math.Transform2D.
+  defp misnamed(%Source{modules: [module | inner]} = source) do
+    path = source.file |> Path.rootname() |> Path.split() |> tl() |> Enum.map(&letters/1)
+    named? = path == module |> Module.split() |> Enum.map(&letters/1)
+    strangers = Enum.reject(inner, &fits?("#{inspect(module)}.*", &1))
+
+    for stranger <- if(named?, do: strangers, else: [module | strangers]),
+        do: "#{source.file} defines #{inspect(stranger)}, whose name is another file's"
+  end
+
+  defp letters(name), do: name |> String.replace("_", "") |> String.downcase()
+
+  # Parts
+
+  defp part(module) do
+    fitting =
+      for {part, {patterns, _}} <- @parts,
+          pattern <- patterns,
+          fits?(pattern, module),
+          do: {pattern, part}
+
+    with [_ | _] <- fitting,
+         do: fitting |> Enum.max_by(&closeness(elem(&1, 0))) |> elem(1),
+         else: ([] -> nil)
+  end
+
+  defp fits?(pattern, module) do
+    case String.split(pattern, ".*") do
+      [name] -> inspect(module) == name
+      [name, ""] -> inspect(module) == name or String.starts_with?(inspect(module), name <> ".")
+    end
+  end
+
+  # A pattern's length without its star; exact before a family.
+  defp closeness(pattern) do
+    name = String.replace_suffix(pattern, ".*", "")
+    {byte_size(name), name == pattern}
+  end
+
+  defp ours?(module), do: hd(Module.split(module)) in ["BB", "Ganglion"]
+  defp chip(module), do: module |> Module.split() |> Enum.take(3)
+  defp listed([]), do: "nothing else"
+  defp listed(parts), do: Enum.join(parts, ", ")
+
+  # Sources
+
+  defp assert_none(sources, rule) do
+    case Enum.flat_map(sources, rule) do
+      [] -> :ok
+      broken -> flunk(Enum.join(broken, "\n"))
+    end
+  end
+
+  defp judge(text, file, rule), do: text |> Source.parse!(file) |> rule.()
+
+  defp arrows(sentences) do
+    for sentence <- sentences do
+      [_, line, to, name] = Regex.run(~r/:(\d+): .* -> (.+): .* names (\S+);/, sentence)
+      {String.to_integer(line), name, to}
+    end
+  end
+
+  defp tree(pattern), do: Path.wildcard(pattern <> "/**") ++ Path.wildcard(pattern)
+
+  # Crates
+
+  defp crates do
+    [_, members] = Regex.run(~r/members = \[(.*?)\]/s, File.read!("native/Cargo.toml"))
+
+    for [_, crate] <- Regex.scan(~r/"([^"]+)"/, members),
+        do: {crate, File.read!("native/#{crate}/Cargo.toml")}
+  end
+
+  defp forbidden_crates(crate, manifest) do
+    may_name = Map.fetch!(@crates, crate)
+    in_tests = may_name ++ Map.get(@crates_in_tests, crate, [])
+
+    for {kinds, allowed, why} <- [
+          {~w(dependencies build-dependencies), may_name, ""},
+          {~w(dev-dependencies), in_tests, ", for its tests"}
+        ],
+        name <- dependencies(manifest, kinds),
+        Map.has_key?(@crates, name) and name not in allowed,
+        do: "native/#{crate}/Cargo.toml:#{line_of(manifest, name)}: #{crate} -> #{name}#{why}"
+  end
+
+  defp line_of(text, word) do
+    lines = String.split(text, "\n")
+    1 + Enum.find_index(lines, &(&1 =~ ~r/\b#{word}\b/ and not String.starts_with?(&1, "#")))
+  end
+
+  # The names of crates in the sections of those kinds, also where they hold for one target only or have a section of their own.
+  defp dependencies(manifest, kinds) do
+    kinds = Enum.join(kinds, "|")
+
+    manifest
+    |> String.split("\n")
+    |> Enum.reduce({nil, []}, fn line, {section, found} ->
+      case {Regex.run(~r/^\[(.+)\]/, line), section} do
+        {[_, header], _} ->
+          entered(Regex.run(~r/(?:^|\.)(?:#{kinds})(?:\.(.+))?$/, header), found)
+
+        {nil, :inside} ->
+          {section, dependency(line) ++ found}
+
+        {nil, nil} ->
+          {nil, found}
+      end
+    end)
+    |> elem(1)
+    |> Enum.reverse()
+  end
+
+  defp entered(nil, found), do: {nil, found}
+  defp entered([_], found), do: {:inside, found}
+  defp entered([_, crate], found), do: {nil, [crate | found]}
+
+  defp dependency(line) do
+    renamed = Regex.run(~r/package\s*=\s*"([^"]+)"/, line)
+    named = Regex.run(~r/^([\w-]+)\s*[.=]/, line)
+
+    Enum.take(
+      List.wrap(renamed && Enum.at(renamed, 1)) ++ List.wrap(named && Enum.at(named, 1)),
+      1
+    )
+  end
+
+  # `file:line` of each line of Rust, comments left out, that matches.
+  defp rust_lines(folder, regex) do
+    for file <- Path.wildcard(folder <> "/**/*.rs"),
+        {line, number} <- file |> File.stream!() |> Stream.with_index(1),
+        line |> String.replace(~r"//.*", "") |> String.match?(regex),
+        do: "#{file}:#{number}"
+  end
+
+  defp reject_files(places, files),
+    do:
+      Enum.reject(places, fn place -> Enum.any?(files, &String.starts_with?(place, &1 <> ":")) end)
+end

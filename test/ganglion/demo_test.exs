@@ -1,0 +1,120 @@
+defmodule Ganglion.DemoTest do
+  use ExUnit.Case, async: true
+
+  alias BB.Message
+  alias BB.Message.Vision.TagDetections
+  alias Ganglion.Demo.{Observation, Options, Report}
+
+  doctest Ganglion.Json
+  doctest Ganglion.Demo.Counter
+  doctest Ganglion.Demo.Latency
+
+  describe "the command line" do
+    @describetag :tmp_dir
+
+    test "relative paths count from where the caller stands", %{tmp_dir: dir} do
+      File.write!(Path.join(dir, "walk.csv"), "")
+      argv = ~w(--seconds 3 --imu walk.csv --frames . --json)
+      expected = %Options{seconds: 3, imu: Path.join(dir, "walk.csv"), frames: dir, json: true}
+      assert {:ok, ^expected} = Options.parse(argv, dir)
+    end
+
+    test "a mistake is a sentence that says what was given and what is accepted", %{tmp_dir: dir} do
+      for {argv, words} <- [
+            {~w(--bogus), ["--bogus", "--seconds N"]},
+            {~w(extra), ["extra", "--seconds N"]},
+            {~w(--seconds 0), ["from 1 up", "got: 0"]},
+            {~w(--seconds soon), ["whole number", "got: soon"]},
+            {~w(--imu), ["--imu", "nothing"]},
+            {~w(--imu missing.csv), [Path.join(dir, "missing.csv")]},
+            {~w(--frames missing), [Path.join(dir, "missing")]}
+          ] do
+        assert {:error, sentence} = Options.parse(argv, dir)
+        for word <- words, do: assert(sentence =~ word)
+      end
+    end
+  end
+
+  describe "the summary" do
+    setup do
+      second = 1_000_000_000
+      imu = Message.new!(Message.Sensor.Contact, :bumper, pressed: true)
+
+      tags =
+        Message.new!(TagDetections, :camera,
+          frame_sequence: 0,
+          capture_time: 4 * second - 20_000_000,
+          detections: []
+        )
+
+      before = %{topic: "camera", published: 100, readers: [], state: :live}
+      reader = %{os_pid: 1, index: 0, lost: 3}
+
+      observation =
+        Observation.new([before], 0)
+        |> Observation.message([:sensor, :base, :bumper], imu, 1 * second)
+        |> Observation.message([:sensor, :base, :bumper], imu, 2 * second)
+        |> Observation.message([:sensor, :base, :bumper], imu, 3 * second)
+        |> Observation.message([:sensor, :tags], tags, 4 * second)
+        |> Observation.topic(%{before | published: 130, readers: [reader]}, 3 * second)
+        |> Observation.topic(
+          %{before | published: 10, readers: [%{reader | os_pid: 2, lost: 1}]},
+          4 * second
+        )
+
+      health = [
+        %{name: :bumper, path: [:base, :bumper], state: :up, restarts: 0, reason: nil},
+        %{name: :camera, path: [:camera], state: :backoff, restarts: 2, reason: {:exit_status, 1}}
+      ]
+
+      view = %{
+        observation: observation,
+        health: health,
+        carried: %{inlet: %{published: 1, lost: 0, malformed: 2}},
+        topic_of: &if(&1 == :camera, do: "camera"),
+        seconds: 4.0,
+        now: 4 * second,
+        log: ["[info] a line"]
+      }
+
+      {:ok, view: view}
+    end
+
+    test "counts each sensor by its path, or by its ring topic, also when that was made anew", %{
+      view: view
+    } do
+      assert %{bumper: bumper, camera: camera} = Report.summary(view).sensors
+      assert bumper == %{state: :up, published: 3, hz: 1.0, restarts: 0}
+      assert %{state: :backoff, published: 40, restarts: 2} = camera
+    end
+
+    test "has frames, latency, and what the ring lost for all its readers", %{view: view} do
+      assert %{vision: vision, ring: ring} = Report.summary(view)
+      assert vision == %{frames: 1, detections: 0, p50_us: 20_000, p99_us: 20_000}
+      assert ring == %{lost: 4, torn: 2}
+    end
+
+    test "of a robot that has published nothing is all zeros", %{view: view} do
+      summary = Report.summary(%{view | observation: Observation.new([], 0), carried: %{}})
+      assert summary.sensors.bumper == %{state: :up, published: 0, hz: 0.0, restarts: 0}
+      assert summary.vision == %{frames: 0, detections: 0, p50_us: nil, p99_us: nil}
+      assert summary |> Ganglion.Json.encode() |> IO.iodata_to_binary() =~ ~s("p50_us":null)
+    end
+
+    test "the screen shows states, reasons and the log", %{view: view} do
+      screen = IO.iodata_to_binary(Report.screen(view))
+      assert screen =~ ~r/bumper +up/
+      assert screen =~ ~r/camera +backoff.*exit_status, 1/
+      assert screen =~ "[info] a line"
+    end
+  end
+
+  describe "bin/demo" do
+    @demo Path.expand("../../bin/demo", __DIR__)
+
+    test "tells how it is used" do
+      assert {text, 0} = System.cmd(@demo, ["--help"])
+      for option <- ~w(--seconds --imu --frames --json), do: assert(text =~ option)
+    end
+  end
+end
