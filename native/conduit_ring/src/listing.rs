@@ -1,9 +1,9 @@
 //! Which topics there are.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::error::Error;
+use crate::segment;
 use crate::topic::{DIRECTORY, PREFIX, Topic};
 
 /// What lies in `/dev/shm` under a topic's name or what should be one, by name. Nothing of it has been opened: whether it
@@ -25,9 +25,8 @@ impl Listing {
     pub fn read() -> Result<Listing, Error> {
         let directory = Path::new(DIRECTORY);
         let mut listing = Listing::default();
-        for entry in fs::read_dir(directory).map_err(Error::os("list", directory))? {
-            let entry = entry.map_err(Error::os("list", directory))?;
-            listing.add(&entry.file_name().to_string_lossy(), entry.path());
+        for name in segment::names_in(directory).map_err(Error::os("list", directory))? {
+            listing.add(&name.to_string_lossy(), directory.join(&name));
         }
         listing.topics.sort_by(|a, b| a.name().cmp(b.name()));
         listing.misnamed.sort();

@@ -1,6 +1,6 @@
 //! Everything that the operating system does for a ring: files, locks, mappings, futexes, clocks. No other file calls it.
 
-use std::ffi::CString;
+use std::ffi::{CString, OsString};
 use std::fs::{File, OpenOptions, Permissions};
 use std::io;
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd, RawFd};
@@ -15,6 +15,13 @@ use std::time::Duration;
 #[derive(Debug)]
 pub(crate) struct Segment {
     file: File,
+}
+
+/// The names in a directory.
+pub(crate) fn names_in(directory: &Path) -> io::Result<Vec<OsString>> {
+    std::fs::read_dir(directory)?
+        .map(|entry| Ok(entry?.file_name()))
+        .collect()
 }
 
 /// What a path leads to, seen from an open file.
