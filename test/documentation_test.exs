@@ -9,8 +9,6 @@ defmodule DocumentationTest do
   @documents ~w(README.md CONTRIBUTING.md CHANGELOG.md firmware/README.md docs/**/*.md native/**/README.md)
              |> Enum.flat_map(&Path.wildcard/1)
 
-  for document <- @documents, do: @external_resource(document)
-
   describe "a module" do
     test "says what it is, or that it is nobody's business" do
       assert for({module, :none, _docs} <- modules(), do: module) == []

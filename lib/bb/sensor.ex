@@ -51,7 +51,7 @@ defmodule BB.Sensor do
   @behaviour BB.Component
 
   alias BB.{Message, PubSub}
-  alias BB.Component.{Callbacks, Health}
+  alias BB.Component.{Callbacks, Health, Reason}
   alias BB.Message.Sensor.JointState
   alias BB.Sensor.SensorProfile
 
@@ -100,7 +100,13 @@ defmodule BB.Sensor do
   @doc "As in `GenServer`; also runs when the robot is stopped."
   @callback terminate(reason :: term(), state :: term()) :: term()
 
-  @optional_callbacks disarm: 1
+  @doc """
+  A reason of this driver's in a sentence that says what to look at: "no answer at 0x68 on i2c-1: check wiring and power". Reasons that it
+  has no clause for are shown as terms.
+  """
+  @callback explain(reason :: term()) :: String.t()
+
+  @optional_callbacks disarm: 1, explain: 1
 
   @type noreply ::
           {:noreply, new_state :: term()}
@@ -123,6 +129,18 @@ defmodule BB.Sensor do
   """
   @spec health(module()) :: [Health.row()]
   def health(robot), do: Health.list(robot, __MODULE__)
+
+  @doc """
+  Why a sensor is down, for a person: the `reason` of its `health/1` row or of its `BB.Message.Sensor.Status`, in the words of its driver
+  `module` where that has some (`c:explain/1`).
+
+      iex> BB.Sensor.explain(BB.Sensor.Mpu6050, {:no_answer, "i2c-1", 0x68})
+      "no answer at 0x68 on i2c-1: check wiring and power"
+      iex> BB.Sensor.explain(BB.Sensor.Mpu6050, {:silent, 250})
+      "it has published nothing for 250 ms"
+  """
+  @spec explain(module(), reason :: term()) :: String.t()
+  def explain(module, reason), do: Reason.words(reason, module)
 
   @doc "Publishes a sensor's message on its path, `[:sensor | path]`."
   @spec publish(bb(), Message.t()) :: :ok

@@ -131,7 +131,7 @@ defmodule BB.Telemetry do
     function.(event, measurements, metadata, config)
   catch
     kind, reason ->
-      detach(id)
+      _ = detach(id)
 
       Logger.error(
         "The telemetry handler #{inspect(id)} failed at #{inspect(event)} and is detached: " <>

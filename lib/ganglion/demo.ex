@@ -81,7 +81,10 @@ defmodule Ganglion.Demo do
 
   defp watch(demo) do
     Process.send_after(self(), :look, 1000)
-    if demo.options.seconds, do: Process.send_after(self(), :over, demo.options.seconds * 1000)
+
+    _ =
+      if demo.options.seconds, do: Process.send_after(self(), :over, demo.options.seconds * 1000)
+
     loop(demo)
   end
 

@@ -39,7 +39,7 @@ defmodule Ganglion.Robot do
     link :base_link do
       sensor(:imu, {Mpu6050, bus: "i2c-1", address: 0x68, rate: ~u(100 hertz)},
         required: true,
-        max_silence: ~u(250 millisecond)
+        max_silence: ~u(100 millisecond)
       )
 
       joint :camera_mount do

@@ -5,6 +5,8 @@ defmodule BB.SensorTest do
 
   alias BB.Message.Sensor.JointState
 
+  doctest BB.Sensor
+
   defmodule ByUse do
     use BB.Sensor, options_schema: [rate: [type: :float, required: true]]
 

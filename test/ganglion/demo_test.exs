@@ -63,8 +63,22 @@ defmodule Ganglion.DemoTest do
         )
 
       health = [
-        %{name: :bumper, path: [:base, :bumper], state: :up, restarts: 0, reason: nil},
-        %{name: :camera, path: [:camera], state: :backoff, restarts: 2, reason: {:exit_status, 1}}
+        %{
+          name: :bumper,
+          module: BB.Sensor.Mpu6050,
+          path: [:base, :bumper],
+          state: :up,
+          restarts: 0,
+          reason: nil
+        },
+        %{
+          name: :camera,
+          module: BB.Sensor.NativeProcess,
+          path: [:camera],
+          state: :backoff,
+          restarts: 2,
+          reason: {:exit_status, 1}
+        }
       ]
 
       view = %{
@@ -104,7 +118,7 @@ defmodule Ganglion.DemoTest do
     test "the screen shows states, reasons and the log", %{view: view} do
       screen = IO.iodata_to_binary(Report.screen(view))
       assert screen =~ ~r/bumper +up/
-      assert screen =~ ~r/camera +backoff.*exit_status, 1/
+      assert screen =~ ~r/camera +backoff.*ended with status 1/
       assert screen =~ "[info] a line"
     end
   end

@@ -66,12 +66,15 @@ defmodule BB.Component.Announcer do
 
   defp log(robot, component, _old, %{state: :backoff} = condition) do
     Logger.warning(
-      "#{title(robot, component)} is down and will be started again until it is up: #{Reason.words(condition.reason)}"
+      "#{title(robot, component)} is down and will be started again until it is up: #{Reason.words(condition.reason, component.module)}"
     )
   end
 
   defp log(robot, component, _old, %{state: :stale} = condition),
-    do: Logger.warning("#{title(robot, component)} is silent: #{Reason.words(condition.reason)}")
+    do:
+      Logger.warning(
+        "#{title(robot, component)} is silent: #{Reason.words(condition.reason, component.module)}"
+      )
 
   defp log(robot, component, _old, %{state: :ignored}),
     do: Logger.info("#{title(robot, component)} is off: its init returned :ignore")

@@ -35,7 +35,7 @@ defmodule BB.Component.Health do
   @spec register(module(), Component.t(), Condition.t(), pid() | nil) :: :ok
   def register(robot, component, condition, pid) do
     registry = BB.Process.registry_name(robot)
-    Registry.register(registry, key(component), to_row(component, condition, pid))
+    _ = Registry.register(registry, key(component), to_row(component, condition, pid))
     :ok
   end
 
@@ -44,7 +44,7 @@ defmodule BB.Component.Health do
   def put(robot, component, condition, pid) do
     registry = BB.Process.registry_name(robot)
     row = to_row(component, condition, pid)
-    Registry.update_value(registry, key(component), fn _old -> row end)
+    _ = Registry.update_value(registry, key(component), fn _old -> row end)
     left = {condition.restarts, Condition.alarming?(condition)}
     Registry.put_meta(registry, {:kept, component.name}, left)
   rescue

@@ -75,14 +75,16 @@ defmodule BB.Component.Keeper do
 
   @impl GenServer
   def handle_call(:which_children, _from, keeper) do
-    child = {keeper.component.name, keeper.server || :restarting, :worker, [Server]}
-    {:reply, [child], keeper}
+    {:reply, [{keeper.component.name, child(keeper), :worker, [Server]}], keeper}
   end
 
   def handle_call(:count_children, _from, keeper) do
     active = if keeper.server, do: 1, else: 0
     {:reply, [specs: 1, active: active, supervisors: 0, workers: 1], keeper}
   end
+
+  defp child(%{condition: %{state: :ignored}}), do: :undefined
+  defp child(keeper), do: keeper.server || :restarting
 
   @impl GenServer
   def handle_info({Server, pid, :up}, %{server: pid} = keeper) do
@@ -251,7 +253,7 @@ defmodule BB.Component.Keeper do
   defp attach(keeper) do
     %{robot: robot, component: component, condition: condition} = keeper
     Health.register(robot, component, condition, keeper.server)
-    if component.max_silence_ns, do: subscribe(robot, Component.data_path(component))
+    _ = if component.max_silence_ns, do: subscribe(robot, Component.data_path(component))
     keeper
   rescue
     ArgumentError -> attach_later(keeper)

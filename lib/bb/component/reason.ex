@@ -19,20 +19,26 @@ defmodule BB.Component.Reason do
   def plain(reason), do: reason
 
   @doc """
-  The reason in words.
+  The reason in words: those of the component's own module (`explain/1`), where it has some for it.
 
-      iex> BB.Component.Reason.words(%RuntimeError{message: "no answer"})
+      iex> BB.Component.Reason.words(%RuntimeError{message: "no answer"}, BB.Sensor.Mpu6050)
       "no answer"
-      iex> BB.Component.Reason.words({:i2c_nak, "i2c-1", 0x68})
+      iex> BB.Component.Reason.words({:i2c_nak, "i2c-1", 0x68}, BB.Sensor.Mpu6050)
       ~s({:i2c_nak, "i2c-1", 104})
   """
-  @spec words(term()) :: String.t()
-  def words(reason) when is_exception(reason), do: Exception.message(reason)
-  def words(reason) when is_binary(reason), do: reason
+  @spec words(term(), module()) :: String.t()
+  def words(reason, _module) when is_exception(reason), do: Exception.message(reason)
+  def words(reason, _module) when is_binary(reason), do: reason
 
-  def words({:init_timeout, timeout_ms}),
+  def words({:init_timeout, timeout_ms}, _module),
     do: "its init has not returned for #{timeout_ms} ms"
 
-  def words({:silent, silence_ms}), do: "it has published nothing for #{silence_ms} ms"
-  def words(reason), do: inspect(reason)
+  def words({:silent, silence_ms}, _module),
+    do: "it has published nothing for #{silence_ms} ms"
+
+  def words(reason, module) do
+    if function_exported?(module, :explain, 1), do: module.explain(reason), else: inspect(reason)
+  rescue
+    FunctionClauseError -> inspect(reason)
+  end
 end

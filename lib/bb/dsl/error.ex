@@ -24,6 +24,7 @@ defmodule BB.Dsl.Error do
   end
 
   @doc "`file:line`, the file relative to the current directory."
-  @spec place(%{file: String.t(), line: non_neg_integer()}) :: String.t()
+  @spec place(%{:file => String.t(), :line => non_neg_integer(), optional(atom()) => term()}) ::
+          String.t()
   def place(%{file: file, line: line}), do: "#{Path.relative_to_cwd(file)}:#{line}"
 end

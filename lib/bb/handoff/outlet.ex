@@ -82,6 +82,9 @@ defmodule BB.Handoff.Outlet do
   def handle_call(_request, _from, state), do: {:reply, {:error, :not_implemented}, state}
 
   @impl BB.Sensor
+  def explain({:ring, reason}), do: BB.Ring.format_error(reason)
+
+  @impl BB.Sensor
   def terminate(_reason, state), do: Publisher.close(state.publisher)
 
   defp open(opts) do

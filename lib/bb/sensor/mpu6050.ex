@@ -73,8 +73,8 @@ defmodule BB.Sensor.Mpu6050 do
   `t:reason/0`, and is started again as its robot's supervision says. A chip that lost its power for a moment is asleep and shows
   zeros: that is noticed, and the sensor stops at once to set it up again. `explain/1` puts a reason in words.
 
-  Starting takes three steps, so that the sensor obeys its robot between them: identify and reset; 100 ms later wake, set
-  and read back the settings; 30 ms later, when the gyroscope has settled, the first reading.
+  Starting identifies and resets the chip, waits 100 ms, wakes it, sets it and reads the settings back, and waits 30 ms until the
+  gyroscope has settled. The sensor is up when that is done, and the first reading follows within a period.
 
   With one sensor a tick costs one transfer of 14 bytes: 0.4 ms at 400 kHz.
   """
@@ -116,6 +116,7 @@ defmodule BB.Sensor.Mpu6050 do
       iex> BB.Sensor.Mpu6050.explain({:wrong_chip, "i2c-1", 0x68, 0x70, 0x68})
       "the chip at 0x68 on i2c-1 identifies itself as 0x70, an MPU-6050 as 0x68: check the part and the address"
   """
+  @impl BB.Sensor
   @spec explain(reason()) :: String.t()
   def explain({:no_answer, bus, address}),
     do: "no answer at #{place(bus, address)}: check wiring and power"
@@ -180,8 +181,7 @@ defmodule BB.Sensor.Mpu6050 do
   end
 
   @impl BB.Sensor
-  def handle_info({:timeout, timer, step}, %{timer: timer} = sensor), do: step(step, sensor)
-  def handle_info(:tick, %{loop: %Loop{}} = sensor), do: tick(sensor)
+  def handle_info(:tick, sensor), do: tick(sensor)
   def handle_info(_late, sensor), do: {:noreply, sensor}
 
   @impl BB.Sensor
@@ -198,7 +198,14 @@ defmodule BB.Sensor.Mpu6050 do
     end
   end
 
-  defp begin(chip), do: with(:ok <- Chip.identify(chip), do: Chip.reset(chip))
+  # The waits are the data sheet's. Nobody waits with the sensor: `init` runs in its own process.
+  defp begin(chip) do
+    with :ok <- Chip.identify(chip),
+         :ok <- Chip.reset(chip),
+         :ok <- Process.sleep(Chip.reset_ms()),
+         :ok <- Chip.configure(chip),
+         do: Process.sleep(Chip.settle_ms())
+  end
 
   defp close(chip, error) do
     Chip.close(chip)
@@ -226,31 +233,13 @@ defmodule BB.Sensor.Mpu6050 do
       bb: bb,
       chip: chip,
       frame_id: opts[:frame_id] || List.last(bb.path),
-      rate_hz: opts[:rate],
-      loop: nil,
-      failures: 0,
-      timer: :erlang.start_timer(Chip.reset_ms(), self(), :configure)
+      loop: bb |> Loop.new(clock: {:rate, opts[:rate]}) |> Loop.arm(),
+      failures: 0
     }
   end
 
-  defp step(:configure, sensor) do
-    case Chip.configure(sensor.chip) do
-      :ok ->
-        {:noreply, %{sensor | timer: :erlang.start_timer(Chip.settle_ms(), self(), :measure)}}
-
-      {:error, reason} ->
-        {:stop, reason, sensor}
-    end
-  end
-
-  defp step(:measure, sensor) do
-    loop = sensor.bb |> Loop.new(clock: {:rate, sensor.rate_hz}) |> Loop.arm()
-    {:noreply, %{sensor | timer: nil, loop: loop}}
-  end
-
   defp stop(sensor) do
-    if sensor.timer, do: :erlang.cancel_timer(sensor.timer)
-    if sensor.loop, do: Loop.cancel(sensor.loop)
+    _ = Loop.cancel(sensor.loop)
     Chip.close(sensor.chip)
   end
 
@@ -276,10 +265,11 @@ defmodule BB.Sensor.Mpu6050 do
     {:noreply, %{sensor | failures: 0}}
   end
 
-  defp failed({:restarted, _bus, _address} = reason, sensor), do: {:stop, reason, sensor}
+  defp failed({:restarted, _bus, _address} = reason, sensor),
+    do: {:stop, {:shutdown, reason}, sensor}
 
   defp failed(reason, %{failures: failures} = sensor) when failures + 1 >= @most_failures,
-    do: {:stop, reason, sensor}
+    do: {:stop, {:shutdown, reason}, sensor}
 
   defp failed(_reason, sensor), do: {:noreply, %{sensor | failures: sensor.failures + 1}}
 

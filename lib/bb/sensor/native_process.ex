@@ -69,6 +69,26 @@ defmodule BB.Sensor.NativeProcess do
   @kill_limit_ms 2_000
   @longest_line 4_096
 
+  @doc """
+  A reason in words.
+
+      iex> BB.Sensor.NativeProcess.explain({:exit_status, 137})
+      "its program was ended by signal 9"
+      iex> BB.Sensor.NativeProcess.explain({:exit_status, 1})
+      "its program ended with status 1; what it said is in the log"
+  """
+  @impl BB.Sensor
+  def explain({:program_not_found, name}),
+    do: "there is no program #{name}: it is neither in priv/bin nor in PATH"
+
+  def explain({:exit_status, 127}), do: "its program cannot be run; the log says why"
+
+  def explain({:exit_status, status}) when status > 128,
+    do: "its program was ended by signal #{status - 128}"
+
+  def explain({:exit_status, status}),
+    do: "its program ended with status #{status}; what it said is in the log"
+
   @impl BB.Sensor
   def init(opts) do
     name = List.last(opts[:bb].path)

@@ -103,8 +103,9 @@ defmodule Ganglion.Demo.Report do
     end
   end
 
-  defp last_value(%{state: state, reason: reason}, _view) when state != :up and reason != nil do
-    reason |> inspect() |> cut(44)
+  defp last_value(%{state: state, reason: reason, module: module}, _view)
+       when state != :up and reason != nil do
+    module |> BB.Sensor.explain(reason) |> cut(60)
   end
 
   defp last_value(sensor, view) do

@@ -124,6 +124,7 @@ defmodule BB.Component.ServerTest do
       assert eventually(fn -> health(robot, :imu).state == :ignored end)
       assert %{pid: nil, restarts: 0, retry_in_ms: nil} = health(robot, :imu)
       assert server(robot) == :undefined
+      assert [{:imu, :undefined, _, _}] = Supervisor.which_children(keeper(robot, :imu))
       refute_receive {:init, _, _}, 300
     end
   end

@@ -331,7 +331,7 @@ defmodule BB.Sensor.Mpu6050Test do
         pid = start!(sensor(context, path: [:base_link, :imu]))
         receive_imu()
         between_readings(pid, fn -> :ok = Sim.fault(context.name, 0x68, fault) end)
-        assert reason_of_end(pid) == reason
+        assert reason_of_end(pid) == {:shutdown, reason}
         refute_received {:bb, _, _}
         :ok = Sim.clear(context.name, 0x68)
       end
@@ -341,7 +341,7 @@ defmodule BB.Sensor.Mpu6050Test do
       pid = start!(sensor(context))
       receive_imu()
       between_readings(pid, fn -> :ok = Sim.unplug(context.name, 0x68) end)
-      assert reason_of_end(pid) == {:no_answer, context.name, 0x68}
+      assert reason_of_end(pid) == {:shutdown, {:no_answer, context.name, 0x68}}
       refute_received {:bb, _, _}
     end
 
@@ -354,7 +354,7 @@ defmodule BB.Sensor.Mpu6050Test do
         :ok = Sim.replug(context.name, 0x68)
       end)
 
-      assert reason_of_end(pid) == {:restarted, context.name, 0x68}
+      assert reason_of_end(pid) == {:shutdown, {:restarted, context.name, 0x68}}
       refute_received {:bb, _, _}
     end
 
@@ -368,14 +368,14 @@ defmodule BB.Sensor.Mpu6050Test do
         :ok = Sim.fault(context.name, 0x68, {:nak, 1})
       end)
 
-      assert reason_of_end(pid) == {:restarted, context.name, 0x68}
+      assert reason_of_end(pid) == {:shutdown, {:restarted, context.name, 0x68}}
       refute_received {:bb, _, _}
     end
 
     @tag device: [reset_ms: 60_000]
     test "of a chip that does not take its settings ends the start", context do
-      pid = start!(sensor(context))
-      assert reason_of_end(pid) == {:not_configured, context.name, 0x68}
+      assert {:error, {{:not_configured, name, 0x68}, _child}} = start(sensor(context))
+      assert name == context.name
       refute_received {:bb, _, _}
     end
   end
@@ -390,12 +390,6 @@ defmodule BB.Sensor.Mpu6050Test do
       assert_receive {:DOWN, ^monitor, :process, ^pid, _reason}
       assert elapsed_us < 1_000_000
     end
-
-    test "is prompt before the chip is set up", context do
-      start!(sensor(context))
-      {elapsed_us, :ok} = :timer.tc(fn -> stop_supervised([:base_link, :imu]) end)
-      assert elapsed_us < 1_000_000
-    end
   end
 
   describe "new options" do
@@ -403,8 +397,6 @@ defmodule BB.Sensor.Mpu6050Test do
       opts = validated(sensor(context, rate: 100))
       {:ok, sensor} = Mpu6050.init(opts)
       assert {:ok, sensor} = Mpu6050.handle_options(Keyword.put(opts, :filter, 5), sensor)
-      assert_receive {:timeout, _, :configure} = message, @patience_ms
-      assert {:noreply, sensor} = Mpu6050.handle_info(message, sensor)
       {:ok, bus} = I2C.open(context.name)
       assert I2C.write_read(bus, 0x68, <<0x1A>>, 1) == {:ok, <<6>>}
       Mpu6050.terminate(:normal, sensor)

@@ -1,0 +1,69 @@
+defmodule ExamplesTest do
+  @moduledoc "Every script in examples/ runs as a user runs it, and says what it should."
+
+  use ExUnit.Case, async: true
+
+  # Lines (regular expressions) that stand in the output in this order; logs may stand between them.
+  @says %{
+    "examples/own_driver.exs" => [
+      ~S(soil: 21\.5 °C),
+      ~S(soil: 21\.5 °C),
+      ~S(soil: 21\.5 °C),
+      ~S(soil is backoff: :i2c_nak),
+      ~S(soil is up),
+      ~S(soil: 21\.5 °C),
+      ~S(restarts: [1-9]\d*)
+    ],
+    "examples/ring.exs" => [
+      ~S(message 0: scan 0, \d+ µs old),
+      ~S(message 1: scan 1, \d+ µs old),
+      ~S(message 2: scan 2, \d+ µs old),
+      ~S(the credit is used up),
+      ~S(message 15: scan 15, after 12 lost),
+      ~S(message 22: scan 22),
+      ~S{no second publisher: the topic has a live publisher \(process \d+\)},
+      ~S(published: 23, subscribers: 1)
+    ],
+    "examples/native_process.exs" => [
+      ~S(frames of 640 × 480),
+      ~S(camera is down: {:exit_status, 137}),
+      ~S(frames again, numbered on),
+      ~S(nothing is left)
+    ]
+  }
+
+  for {script, lines} <- @says do
+    test "#{script} runs and says what it should" do
+      {output, status} = run(unquote(script))
+      assert status == 0, output
+
+      assert missing(unquote(lines), String.split(output, "\n")) == [],
+             "not all lines stand in this order in:\n\n#{output}"
+    end
+  end
+
+  test "each example is run" do
+    assert "examples/**/*.exs" |> Path.wildcard() |> Enum.sort() == Enum.sort(Map.keys(@says))
+  end
+
+  test "each example says how it is run" do
+    for script <- Map.keys(@says), do: assert(File.read!(script) =~ "#     mix run #{script}\n")
+  end
+
+  defp run(script) do
+    System.cmd("mix", ["run", "--no-compile", script],
+      env: [{"MIX_ENV", "test"}, {"LC_ALL", "C.UTF-8"}],
+      stderr_to_stdout: true
+    )
+  end
+
+  # Those of the lines that do not come, from the first one on.
+  defp missing([], _output), do: []
+
+  defp missing([line | later] = lines, output) do
+    case Enum.drop_while(output, &(not (&1 =~ ~r/^#{line}$/))) do
+      [] -> lines
+      [_found | rest] -> missing(later, rest)
+    end
+  end
+end
