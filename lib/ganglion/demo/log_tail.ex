@@ -11,6 +11,13 @@ defmodule Ganglion.Demo.LogTail do
   end
 
   @doc false
+  # What OTP tells of normal starts and of alarms says nothing that the screen does not show.
+  def log(%{level: level, meta: %{error_logger: _}}, _config) when level in [:info, :notice],
+    do: :ok
+
+  def log(%{level: level, meta: %{domain: [:otp | _]}}, _config) when level in [:info, :notice],
+    do: :ok
+
   def log(%{level: level, msg: message}, %{config: %{pid: pid}}) do
     send(pid, {:log, "[#{level}] #{text(message)}"})
   end

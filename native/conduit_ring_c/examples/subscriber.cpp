@@ -1,0 +1,19 @@
+// Reads what publisher.cpp publishes, before, while and after that runs.
+#include <chrono>
+#include <string_view>
+
+#include <conduit_core/log.hpp>
+#include <conduit_core/pubsub.hpp>
+
+int main() {
+  conduit::Subscriber subscriber("greetings");
+  for (;;) {
+    const auto message = subscriber.wait_for(std::chrono::seconds(1));
+    if (!message) {
+      conduit::log::warn("nothing on {} for a second", subscriber.topic());
+      continue;
+    }
+    const std::string_view text(static_cast<const char*>(message->data()), message->size());
+    conduit::log::info("{} at {} ns: {}", message->sequence(), message->timestamp_ns(), text);
+  }
+}

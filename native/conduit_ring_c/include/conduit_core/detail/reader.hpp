@@ -1,0 +1,92 @@
+/// A subscriber of conduit_ring.h with its buffer and its waker.
+#pragma once
+
+#include <cerrno>
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include <conduit_ring.h>
+
+#include "../message.hpp"
+#include "error.hpp"
+
+namespace conduit::detail {
+
+/// What a read gave. `nothing`: nothing there, not in time, or woken.
+enum class Event { nothing, message, publisher_up, publisher_down };
+
+class Reader {
+public:
+  /// Does not wait for the topic.
+  explicit Reader(const std::string& topic) : topic_(topic) {
+    check_abi();
+    conduit_ring_subscriber* subscriber = nullptr;
+    check(conduit_ring_subscriber_open(c_text(topic), nullptr, &subscriber));
+    subscriber_.reset(subscriber);
+    conduit_ring_message* buffer = nullptr;
+    check(conduit_ring_message_new(&buffer));
+    buffer_.reset(buffer);
+    conduit_ring_waker* waker = nullptr;
+    check(conduit_ring_subscriber_waker(subscriber, &waker));
+    waker_.reset(waker);
+  }
+
+  /// Returns when the topic exists, or was woken.
+  void await_topic() {
+    const int status = conduit_ring_subscriber_await_topic(subscriber_.get(), CONDUIT_RING_FOREVER);
+    if (!is_nothing(status)) check(status);
+  }
+
+  Event try_read() {
+    std::uint32_t event = 0;
+    const int status = conduit_ring_subscriber_try_read(subscriber_.get(), buffer_.get(), &event);
+    return tell(status, event);
+  }
+
+  Event read(std::chrono::nanoseconds timeout) {
+    const auto timeout_ns = timeout.count() > 0 ? static_cast<std::uint64_t>(timeout.count()) : 0;
+    std::uint32_t event = 0;
+    const int status = conduit_ring_subscriber_read(subscriber_.get(), buffer_.get(), timeout_ns, &event);
+    return tell(status, event);
+  }
+
+  /// After Event::message.
+  Message message() const noexcept {
+    return Message(conduit_ring_message_data(buffer_.get()), conduit_ring_message_meta(buffer_.get()));
+  }
+
+  /// Ends the current read, or the next one. For any thread.
+  void wake() const noexcept { conduit_ring_waker_wake(waker_.get()); }
+
+  const std::string& topic() const noexcept { return topic_; }
+
+private:
+  struct Close {
+    void operator()(conduit_ring_subscriber* subscriber) const noexcept { conduit_ring_subscriber_close(subscriber); }
+    void operator()(conduit_ring_message* message) const noexcept { conduit_ring_message_free(message); }
+    void operator()(conduit_ring_waker* waker) const noexcept { conduit_ring_waker_free(waker); }
+  };
+
+  static bool is_nothing(int status) noexcept {
+    return status == -EAGAIN || status == -ETIMEDOUT || status == -ECANCELED;
+  }
+
+  static Event tell(int status, std::uint32_t event) {
+    if (is_nothing(status)) return Event::nothing;
+    check(status);
+    switch (event) {
+      case CONDUIT_RING_EVENT_MESSAGE: return Event::message;
+      case CONDUIT_RING_EVENT_PUBLISHER_UP: return Event::publisher_up;
+      default: return Event::publisher_down;
+    }
+  }
+
+  std::string topic_;
+  std::unique_ptr<conduit_ring_subscriber, Close> subscriber_;
+  std::unique_ptr<conduit_ring_message, Close> buffer_;
+  std::unique_ptr<conduit_ring_waker, Close> waker_;
+};
+
+}  // namespace conduit::detail

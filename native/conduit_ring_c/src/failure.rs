@@ -1,0 +1,152 @@
+//! Errors as C gets them: a negative errno, and a sentence kept for the thread.
+
+use std::any::Any;
+use std::cell::RefCell;
+use std::ffi::{CString, c_char, c_int};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use conduit_ring::{Error, PublishError};
+
+use crate::errno;
+
+thread_local! {
+    static LAST: RefCell<CString> = RefCell::default();
+}
+
+/// Why a call failed.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) struct Failure {
+    errno: c_int,
+    /// None where the errno says it all and happens all the time: nothing there, time is up, woken.
+    sentence: Option<String>,
+}
+
+impl Failure {
+    pub(crate) const NOTHING: Failure = Failure::plain(errno::EAGAIN);
+    pub(crate) const TIMED_OUT: Failure = Failure::plain(errno::ETIMEDOUT);
+    pub(crate) const WOKEN: Failure = Failure::plain(errno::ECANCELED);
+
+    const fn plain(errno: c_int) -> Failure {
+        Failure {
+            errno,
+            sentence: None,
+        }
+    }
+
+    pub(crate) fn new(errno: c_int, sentence: impl Into<String>) -> Failure {
+        Failure {
+            errno,
+            sentence: Some(sentence.into()),
+        }
+    }
+
+    /// The caller's mistake.
+    pub(crate) fn invalid(sentence: impl Into<String>) -> Failure {
+        Failure::new(errno::EINVAL, sentence)
+    }
+
+    /// A call that panicked before left the handle as nobody knows.
+    pub(crate) fn broken(what: &str) -> Failure {
+        Failure::new(
+            errno::ENOTRECOVERABLE,
+            format!("the {what} failed inside an earlier call; close it"),
+        )
+    }
+
+    fn panicked(payload: &(dyn Any + Send)) -> Failure {
+        let text = payload
+            .downcast_ref::<&str>()
+            .copied()
+            .or_else(|| payload.downcast_ref::<String>().map(String::as_str))
+            .unwrap_or("no reason given");
+        Failure::new(
+            errno::ENOTRECOVERABLE,
+            format!("a fault inside conduit_ring: {text}"),
+        )
+    }
+
+    fn remember(self) -> c_int {
+        if let Some(sentence) = self.sentence {
+            let text = CString::new(sentence.replace('\0', "\u{FFFD}")).unwrap_or_default();
+            // A thread that is ending has nobody left to ask.
+            let _ = LAST.try_with(|last| last.replace(text));
+        }
+        -self.errno
+    }
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Failure {
+        let errno = match &error {
+            Error::InvalidTopic { .. } | Error::InvalidGeometry { .. } => errno::EINVAL,
+            Error::PublisherAlive { .. } => errno::EBUSY,
+            Error::LegacyInUse { .. } => errno::EEXIST,
+            Error::NoReaderSlot { .. } => errno::EUSERS,
+            Error::NoTopic { .. } => errno::ENOENT,
+            Error::BadSegment { .. } => errno::EPROTO,
+            other => other.errno().unwrap_or(errno::EIO),
+        };
+        Failure::new(errno, error.to_string())
+    }
+}
+
+impl From<PublishError> for Failure {
+    fn from(error: PublishError) -> Failure {
+        let errno = match &error {
+            PublishError::TooLarge { .. } => errno::EMSGSIZE,
+            _ => errno::EIO,
+        };
+        Failure::new(errno, error.to_string())
+    }
+}
+
+/// Runs the body of a function that C calls: no panic leaves it.
+#[inline]
+pub(crate) fn answer(body: impl FnOnce() -> Result<(), Failure>) -> c_int {
+    match catch_unwind(AssertUnwindSafe(body)) {
+        Ok(Ok(())) => 0,
+        Ok(Err(failure)) => failure.remember(),
+        Err(payload) => Failure::panicked(&*payload).remember(),
+    }
+}
+
+/// As [`answer`], for functions that cannot fail.
+pub(crate) fn quietly<T>(otherwise: T, body: impl FnOnce() -> T) -> T {
+    catch_unwind(AssertUnwindSafe(body)).unwrap_or(otherwise)
+}
+
+#[unsafe(no_mangle)]
+extern "C" fn conduit_ring_last_error() -> *const c_char {
+    LAST.try_with(|last| last.borrow().as_ptr())
+        .unwrap_or(c"".as_ptr())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ffi::CStr;
+
+    use super::*;
+
+    fn last() -> String {
+        // SAFETY: the sentence of this thread, which nothing replaces meanwhile.
+        let text = unsafe { CStr::from_ptr(conduit_ring_last_error()) };
+        text.to_str().unwrap().to_owned()
+    }
+
+    #[test]
+    fn a_panic_becomes_an_error_with_its_text() {
+        assert_eq!(answer(|| panic!("at the disco")), -errno::ENOTRECOVERABLE);
+        assert_eq!(last(), "a fault inside conduit_ring: at the disco");
+        assert_eq!(quietly(7, || panic!("again")), 7);
+    }
+
+    #[test]
+    fn the_sentence_stays_until_the_next_failure_of_the_same_thread() {
+        assert_eq!(answer(|| Err(Failure::invalid("a\0b"))), -errno::EINVAL);
+        assert_eq!(last(), "a\u{FFFD}b");
+        assert_eq!(answer(|| Ok(())), 0);
+        assert_eq!(answer(|| Err(Failure::NOTHING)), -errno::EAGAIN);
+        assert_eq!(last(), "a\u{FFFD}b");
+        assert_eq!(std::thread::spawn(last).join().unwrap(), "");
+    }
+}

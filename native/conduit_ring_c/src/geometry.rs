@@ -1,0 +1,70 @@
+//! Number and length of slots.
+
+use std::ffi::c_int;
+
+use conduit_ring::Geometry;
+
+use crate::failure::{Failure, answer};
+use crate::pointer::Out;
+
+/// What a slot holds besides a message.
+pub const CONDUIT_RING_SLOT_HEADER_BYTES: u32 = 20;
+
+const _: () = {
+    let shortest = Geometry::MIN_SLOT_SIZE;
+    assert!(shortest == CONDUIT_RING_SLOT_HEADER_BYTES + 1);
+};
+
+/// Number and length of a ring's slots.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct conduit_ring_geometry {
+    /// A power of two.
+    pub slot_count: u32,
+    /// With the slot's 20-byte header.
+    pub slot_size_bytes: u32,
+}
+
+impl From<Geometry> for conduit_ring_geometry {
+    fn from(geometry: Geometry) -> Self {
+        conduit_ring_geometry {
+            slot_count: geometry.slot_count(),
+            slot_size_bytes: geometry.slot_size(),
+        }
+    }
+}
+
+impl TryFrom<conduit_ring_geometry> for Geometry {
+    type Error = conduit_ring::Error;
+
+    fn try_from(geometry: conduit_ring_geometry) -> Result<Geometry, conduit_ring::Error> {
+        Geometry::slots(geometry.slot_count, geometry.slot_size_bytes)
+    }
+}
+
+fn make(out: *mut conduit_ring_geometry, geometry: Result<Geometry, conduit_ring::Error>) -> c_int {
+    answer(|| {
+        // SAFETY: null or writable, by the header.
+        let out = unsafe { Out::new(out, "geometry") }?;
+        out.put(geometry.map_err(Failure::from)?.into());
+        Ok(())
+    })
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn conduit_ring_geometry_slots(
+    slot_count: u32,
+    slot_size_bytes: u32,
+    geometry: *mut conduit_ring_geometry,
+) -> c_int {
+    make(geometry, Geometry::slots(slot_count, slot_size_bytes))
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn conduit_ring_geometry_depth(
+    depth: u32,
+    max_message_size_bytes: u32,
+    geometry: *mut conduit_ring_geometry,
+) -> c_int {
+    make(geometry, Geometry::depth(depth, max_message_size_bytes))
+}

@@ -1,0 +1,317 @@
+//! Compilers, what they build, and the processes that run it.
+
+use std::ffi::OsStr;
+use std::fs;
+use std::io::{self, BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, Command, ExitStatus, Output, Stdio};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+
+use conduit_ring::Topic;
+
+/// What a test waits for at most, where it waits for an event.
+pub const LIMIT: Duration = Duration::from_secs(60);
+
+const STRICT: [&str; 4] = ["-Wall", "-Wextra", "-Wpedantic", "-Werror"];
+const SANITIZED: [&str; 3] = [
+    "-fsanitize=address,undefined",
+    "-fno-sanitize-recover=all",
+    "-fno-omit-frame-pointer",
+];
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Language {
+    C,
+    Cpp,
+}
+
+impl Language {
+    fn compiler(self) -> String {
+        let (variable, usual) = match self {
+            Language::C => ("CC", "cc"),
+            Language::Cpp => ("CXX", "c++"),
+        };
+        std::env::var(variable).unwrap_or_else(|_| usual.to_owned())
+    }
+
+    fn standard(self) -> &'static str {
+        match self {
+            Language::C => "-std=c11",
+            Language::Cpp => "-std=c++17",
+        }
+    }
+
+    /// A command that compiles strictly, or `None`, said aloud, where there is no compiler.
+    pub fn compile(self) -> Option<Command> {
+        let compiler = self.compiler();
+        if !has(&compiler) {
+            let package = match self {
+                Language::C => "gcc",
+                Language::Cpp => "g++",
+            };
+            skip(&format!(
+                "no compiler {compiler} (Debian's package {package})"
+            ));
+            return None;
+        }
+        let mut command = Command::new(compiler);
+        command
+            .arg(self.standard())
+            .args(STRICT)
+            .args(["-g", "-pthread", "-I"])
+            .arg(include_dir());
+        Some(command)
+    }
+}
+
+/// The crate's folder.
+pub fn home() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+pub fn include_dir() -> PathBuf {
+    home().join("include")
+}
+
+/// Where cargo put `libconduit_ring_c.so` and `.a` of this very build: beside this program.
+pub fn built_dir() -> PathBuf {
+    let test = std::env::current_exe().unwrap();
+    test.parent().unwrap().to_owned()
+}
+
+pub fn has(program: &str) -> bool {
+    let version = Command::new(program)
+        .arg("--version")
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status();
+    version.is_ok_and(|status| status.success())
+}
+
+/// The harness hides what a test that succeeds prints, except what goes straight to the descriptor.
+pub fn skip(reason: &str) {
+    let _ = writeln!(io::stderr(), "skipped: {reason}");
+}
+
+/// A folder for what a test makes. It keeps what an earlier run left there.
+pub fn folder(name: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR"))
+        .join("conduit_ring_c")
+        .join(name);
+    fs::create_dir_all(&path).unwrap();
+    path
+}
+
+/// An empty folder.
+pub fn fresh_folder(name: &str) -> PathBuf {
+    fs::remove_dir_all(folder(name)).unwrap();
+    folder(name)
+}
+
+/// Runs to the end, which must be a good one.
+pub fn succeed(command: &mut Command) -> Output {
+    let output = command
+        .output()
+        .unwrap_or_else(|e| panic!("{command:?}: {e}"));
+    assert!(
+        output.status.success(),
+        "{command:?}: {}\n{}{}",
+        output.status,
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    );
+    output
+}
+
+/// Compiles `programs/<source>` and links it with the static library.
+fn build(language: Language, source: &str, flags: &[&str], to: &Path) -> Option<()> {
+    let mut compile = language.compile()?;
+    compile
+        .args(flags)
+        .arg(home().join("tests/c_and_cpp/programs").join(source))
+        .arg(built_dir().join("libconduit_ring_c.a"))
+        .args(["-ldl", "-lm", "-o"])
+        .arg(to);
+    succeed(&mut compile);
+    Some(())
+}
+
+/// A program of `programs/`, compiled once a run.
+pub struct Program {
+    language: Language,
+    source: &'static str,
+    flags: &'static [&'static str],
+    built: OnceLock<Option<PathBuf>>,
+}
+
+pub static C_CASES: Program = Program::new(Language::C, "cases.c", &[]);
+pub static CPP_CASES: Program = Program::new(Language::Cpp, "cases.cpp", &[]);
+pub static C_PEER: Program = Program::new(Language::C, "peer.c", &["-O2"]);
+pub static CPP_PEER: Program = Program::new(Language::Cpp, "peer.cpp", &["-O2"]);
+pub static SANITIZED_C_CASES: Program = Program::new(Language::C, "cases.c", &SANITIZED);
+pub static SANITIZED_CPP_CASES: Program = Program::new(Language::Cpp, "cases.cpp", &SANITIZED);
+
+impl Program {
+    const fn new(
+        language: Language,
+        source: &'static str,
+        flags: &'static [&'static str],
+    ) -> Program {
+        Program {
+            language,
+            source,
+            flags,
+            built: OnceLock::new(),
+        }
+    }
+
+    /// A command that runs it.
+    pub fn command(&self) -> Option<Command> {
+        self.built
+            .get_or_init(|| {
+                let to = folder("programs").join(self.name());
+                build(self.language, self.source, self.flags, &to).map(|()| to)
+            })
+            .as_ref()
+            .map(Command::new)
+    }
+
+    fn name(&self) -> String {
+        let kind = if self.flags == SANITIZED {
+            ".sanitized"
+        } else {
+            ""
+        };
+        format!("{}{kind}", self.source.replace('.', "_"))
+    }
+
+    /// Starts it with pipes.
+    pub fn start<A: AsRef<OsStr>>(
+        &self,
+        arguments: impl IntoIterator<Item = A>,
+    ) -> Option<Process> {
+        let mut command = self.command()?;
+        command.args(arguments);
+        Some(Process::start(command))
+    }
+}
+
+/// Whether the compiler can build a program with the sanitizers, and this machine run it.
+pub fn can_sanitize(language: Language) -> bool {
+    let Some(mut compile) = language.compile() else {
+        return false;
+    };
+    let folder = folder(&format!("sanitizer_{language:?}"));
+    let source = folder.join(match language {
+        Language::C => "empty.c",
+        Language::Cpp => "empty.cpp",
+    });
+    fs::write(&source, "int main(void) { return 0; }\n").unwrap();
+    let program = folder.join("empty");
+    let compiled = compile
+        .args(SANITIZED)
+        .arg(&source)
+        .arg("-o")
+        .arg(&program)
+        .output()
+        .is_ok_and(|output| output.status.success());
+    let works = compiled
+        && Command::new(&program)
+            .output()
+            .is_ok_and(|o| o.status.success());
+    if !works {
+        skip(&format!(
+            "{language:?}: the compiler has no AddressSanitizer here"
+        ));
+    }
+    works
+}
+
+/// A running program. Killed when dropped.
+pub struct Process {
+    child: Child,
+    lines: io::Lines<BufReader<std::process::ChildStdout>>,
+    input: Option<ChildStdin>,
+}
+
+impl Process {
+    pub fn start(mut command: Command) -> Process {
+        let mut child = command
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap_or_else(|e| panic!("{command:?}: {e}"));
+        let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let input = child.stdin.take();
+        Process {
+            child,
+            lines,
+            input,
+        }
+    }
+
+    /// The next line that it prints.
+    pub fn line(&mut self) -> String {
+        self.lines
+            .next()
+            .expect("a line, not the end")
+            .expect("a line")
+    }
+
+    pub fn expect(&mut self, line: &str) {
+        assert_eq!(self.line(), line);
+    }
+
+    /// Lets it go on.
+    pub fn go(&mut self) {
+        self.input.as_mut().unwrap().write_all(b"\n").unwrap();
+    }
+
+    pub fn signal(&self, signal: libc::c_int) {
+        // SAFETY: a child that was not waited for yet has its number.
+        assert_eq!(unsafe { libc::kill(self.child.id() as i32, signal) }, 0);
+    }
+
+    /// Waits for its end, with its standard input closed.
+    pub fn end(mut self) -> ExitStatus {
+        drop(self.input.take());
+        let start = Instant::now();
+        loop {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                return status;
+            }
+            assert!(start.elapsed() < LIMIT, "the program did not end");
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A name that no other test has; what is left under it is removed at the end.
+pub struct TestTopic(pub Topic);
+
+impl TestTopic {
+    pub fn new() -> TestTopic {
+        static N: AtomicU32 = AtomicU32::new(0);
+        let n = N.fetch_add(1, Ordering::Relaxed);
+        TestTopic(Topic::new(&format!("capi-{}-{n}", std::process::id())).unwrap())
+    }
+
+    pub fn name(&self) -> &str {
+        self.0.name()
+    }
+}
+
+impl Drop for TestTopic {
+    fn drop(&mut self) {
+        let _ = fs::remove_file(self.0.path());
+    }
+}
