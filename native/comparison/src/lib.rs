@@ -24,7 +24,8 @@ impl Arguments {
     /// When it is missing or does not parse: the benches are the only callers.
     pub fn get<T: FromStr>(&self, name: &str) -> T {
         let at = self.0.iter().position(|word| word == name);
-        at.and_then(|at| self.0.get(at + 1)?.parse().ok()).unwrap_or_else(|| panic!("{name} VALUE is needed"))
+        at.and_then(|at| self.0.get(at + 1)?.parse().ok())
+            .unwrap_or_else(|| panic!("{name} VALUE is needed"))
     }
 }
 
@@ -46,7 +47,12 @@ pub fn age_of(message: &[u8], number: u64) -> u64 {
     let now = clock::now_ns();
     assert_eq!(message.len(), SMALL, "length of message {number}");
     let word = |part: &[u8]| u64::from_le_bytes(part.try_into().expect("eight bytes"));
-    assert!(message[8..].chunks_exact(8).all(|part| word(part) == number), "message {number} is not what was sent");
+    assert!(
+        message[8..]
+            .chunks_exact(8)
+            .all(|part| word(part) == number),
+        "message {number} is not what was sent"
+    );
     now.saturating_sub(word(&message[..8]))
 }
 
@@ -60,12 +66,17 @@ impl Pace {
     /// The first deadline is one period from now.
     pub fn new(rate_hz: u64) -> Self {
         let period_ns = 1_000_000_000 / rate_hz;
-        Self { next_ns: clock::now_ns() + period_ns, period_ns }
+        Self {
+            next_ns: clock::now_ns() + period_ns,
+            period_ns,
+        }
     }
 
     /// Sleeps until the next deadline.
     pub fn wait(&mut self) {
-        std::thread::sleep(Duration::from_nanos(self.next_ns.saturating_sub(clock::now_ns())));
+        std::thread::sleep(Duration::from_nanos(
+            self.next_ns.saturating_sub(clock::now_ns()),
+        ));
         self.next_ns += self.period_ns;
     }
 }

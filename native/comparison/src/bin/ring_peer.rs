@@ -14,7 +14,9 @@ use std::os::fd::AsRawFd;
 use std::time::Duration;
 
 use comparison::{Arguments, Pace, age_of, print_latencies, print_median, stamped};
-use conduit_ring::{Geometry, Publisher, PublisherOptions, Read, Subscriber, SubscriberOptions, Topic};
+use conduit_ring::{
+    Geometry, Publisher, PublisherOptions, Read, Subscriber, SubscriberOptions, Topic,
+};
 
 const SLOTS: usize = 4;
 
@@ -58,9 +60,21 @@ impl SharedMemory {
         let start = unsafe {
             let protection = libc::PROT_READ | libc::PROT_WRITE;
             let flags = libc::MAP_SHARED | libc::MAP_POPULATE;
-            libc::mmap(std::ptr::null_mut(), len, protection, flags, file.as_raw_fd(), 0)
+            libc::mmap(
+                std::ptr::null_mut(),
+                len,
+                protection,
+                flags,
+                file.as_raw_fd(),
+                0,
+            )
         };
-        assert_ne!(start, libc::MAP_FAILED, "{}", std::io::Error::last_os_error());
+        assert_ne!(
+            start,
+            libc::MAP_FAILED,
+            "{}",
+            std::io::Error::last_os_error()
+        );
         Self(start.cast())
     }
 
@@ -72,7 +86,11 @@ impl SharedMemory {
 /// A mapping to be written needs a descriptor that reads as well.
 fn reopen(file: &std::fs::File) -> std::fs::File {
     let path = format!("/proc/self/fd/{}", file.as_raw_fd());
-    std::fs::File::options().read(true).write(true).open(path).expect("the file again")
+    std::fs::File::options()
+        .read(true)
+        .write(true)
+        .open(path)
+        .expect("the file again")
 }
 
 fn publish(arguments: &Arguments) {
@@ -87,13 +105,27 @@ fn publish(arguments: &Arguments) {
 
 fn open(topic: &Topic, bytes: usize) -> Publisher {
     let geometry = Geometry::depth(SLOTS as u32, bytes as u32).expect("slots");
-    Publisher::open(topic, &PublisherOptions { geometry, ..Default::default() }).expect("a publisher")
+    Publisher::open(
+        topic,
+        &PublisherOptions {
+            geometry,
+            ..Default::default()
+        },
+    )
+    .expect("a publisher")
 }
 
 fn send(arguments: &Arguments) {
     let topic = Topic::new(&arguments.get::<String>("--topic")).expect("a topic");
     let geometry = Geometry::default();
-    let mut publisher = Publisher::open(&topic, &PublisherOptions { geometry, ..Default::default() }).expect("a publisher");
+    let mut publisher = Publisher::open(
+        &topic,
+        &PublisherOptions {
+            geometry,
+            ..Default::default()
+        },
+    )
+    .expect("a publisher");
     while publisher.info().readers.is_empty() {
         std::thread::sleep(Duration::from_millis(1));
     }
@@ -108,11 +140,15 @@ fn send(arguments: &Arguments) {
 
 fn receive(arguments: &Arguments) {
     let topic = Topic::new(&arguments.get::<String>("--topic")).expect("a topic");
-    let mut subscriber = Subscriber::open(&topic, &SubscriberOptions::default()).expect("a subscriber");
+    let mut subscriber =
+        Subscriber::open(&topic, &SubscriberOptions::default()).expect("a subscriber");
     let count: usize = arguments.get("--count");
     let (mut ages, mut buffer) = (Vec::with_capacity(count), Vec::new());
     while ages.len() < count {
-        match subscriber.read_timeout(&mut buffer, Duration::from_secs(10)).expect("a read") {
+        match subscriber
+            .read_timeout(&mut buffer, Duration::from_secs(10))
+            .expect("a read")
+        {
             Read::Message(meta) => {
                 assert_eq!(meta.lost, 0, "nothing is lost at this rate");
                 ages.push(age_of(&buffer, ages.len() as u64));
