@@ -15,6 +15,9 @@ use iceoryx2::prelude::*;
 
 type Ipc = ipc::Service;
 
+/// Messages kept for a subscriber, as many as the ring has slots.
+const DEPTH: usize = 16;
+
 fn main() {
     set_log_level(LogLevel::Error);
     let (verb, arguments) = Arguments::of_process();
@@ -64,6 +67,7 @@ fn send(arguments: &Arguments) {
     let data = node
         .service_builder(&name(&topic))
         .publish_subscribe::<[u8]>()
+        .subscriber_max_buffer_size(DEPTH)
         .open_or_create()
         .expect("a service");
     let event = node
@@ -98,6 +102,7 @@ fn receive(arguments: &Arguments) {
     let data = node
         .service_builder(&name(&topic))
         .publish_subscribe::<[u8]>()
+        .subscriber_max_buffer_size(DEPTH)
         .open_or_create()
         .expect("a service");
     let event = node
@@ -105,7 +110,11 @@ fn receive(arguments: &Arguments) {
         .event()
         .open_or_create()
         .expect("an event service");
-    let subscriber = data.subscriber_builder().create().expect("a subscriber");
+    let subscriber = data
+        .subscriber_builder()
+        .buffer_size(DEPTH)
+        .create()
+        .expect("a subscriber");
     let listener = event.listener_builder().create().expect("a listener");
     let count: usize = arguments.get("--count");
     let mut ages = Vec::with_capacity(count);
