@@ -69,6 +69,7 @@ defmodule ArchitectureTest do
     "process_guard" => [],
     "program" => [],
     "camera" => ["conduit_ring", "ganglion_messages", "program"],
+    "chaos" => ["conduit_ring", "program"],
     "vision_tags" => ["conduit_ring", "ganglion_messages", "program"]
   }
 
