@@ -94,11 +94,14 @@ defmodule BB.Test.ChaosNode do
     end
   end
 
-  # Small ones as likely as large ones.
+  # Small ones as likely as large ones; of long messages every other one has all the length there is.
   defp length_of(slot_size) do
     span = slot_size - 20 - @header + 1
     bits = round(:math.log2(span))
-    @header + :rand.uniform(min(span, 1 <<< :rand.uniform(bits + 1))) - 1
+
+    if span > 100_000 and :rand.uniform(2) == 1,
+      do: slot_size - 20,
+      else: @header + :rand.uniform(min(span, 1 <<< :rand.uniform(bits + 1))) - 1
   end
 
   defp message(number, %{writer: writer, instance: instance, sequence: sequence}, size) do

@@ -10,7 +10,7 @@ use program::Failure;
 use program::stop::Stop;
 
 use crate::message::{self, HEADER, Identity};
-use crate::plan::{LINES, Manner, Source};
+use crate::plan::{LINES, LONG_MESSAGE, Manner, Source};
 use crate::random::Random;
 use crate::record::{Log, Record};
 
@@ -92,7 +92,13 @@ impl Life {
         spoil: bool,
     ) -> Result<(), Failure> {
         self.identity.sequence = self.publisher.next_sequence();
-        message::write(buffer, &self.identity, random.length(HEADER, self.longest));
+        // Of long messages every other one has all the length there is, so that many a death is in the midst of one.
+        let len = if self.longest > LONG_MESSAGE && random.one_in(2) {
+            self.longest
+        } else {
+            random.length(HEADER, self.longest)
+        };
+        message::write(buffer, &self.identity, len);
         if spoil {
             let at = random.below(buffer.len() as u64) as usize;
             buffer[at] ^= 1;

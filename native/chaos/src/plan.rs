@@ -45,6 +45,9 @@ pub struct Line {
     pub nodes_read: bool,
 }
 
+/// A message of more bytes takes long enough to write that a kill can be aimed at it.
+pub const LONG_MESSAGE: usize = 100_000;
+
 /// BEAM nodes in a run that has any.
 pub const NODES: usize = 2;
 

@@ -13,7 +13,7 @@ use conduit_ring::{
 use program::stop::Stop;
 use program::{Failure, Log};
 
-use crate::plan::{self, LINES, Manner, Role, Source};
+use crate::plan::{self, LINES, LONG_MESSAGE, Manner, Role, Source};
 use crate::random::Random;
 use crate::report::Report;
 use crate::stage::Stage;
@@ -53,8 +53,7 @@ const REST: Duration = Duration::from_millis(40);
 /// A process that has just been started is at times killed again this soon, in the midst of opening.
 const INFANCY: Duration = Duration::from_millis(4);
 /// A publisher of long messages is at times killed in the midst of one, if one comes this soon.
-const AIM: Duration = Duration::from_millis(100);
-const LONG_MESSAGE: u32 = 100_000;
+const AIM: Duration = Duration::from_millis(400);
 const LOOK: Duration = Duration::from_millis(10);
 const TOLD_EVERY: Duration = Duration::from_secs(10);
 /// A node is killed this much less often than a native process: it takes longer to start than all others together.
@@ -91,8 +90,8 @@ struct Run<'a> {
     settings: &'a Settings,
     kills: u64,
     node_kills: u64,
-    /// Topic, segment and number of the messages that were left half-written.
-    half_written: HashSet<(usize, u64, u64)>,
+    /// The messages that were left half-written, with their topics.
+    half_written: HashSet<(usize, Message)>,
     stuck: BTreeSet<usize>,
     usurper: Option<Publisher>,
     started: Instant,
@@ -183,18 +182,16 @@ impl Run<'_> {
             .map(|(topic, _)| topic)
             .find(|&topic| role.publishes(topic));
         if let Some(topic) = written
-            && LINES[topic].slot_size > LONG_MESSAGE
-            && self.random.one_in(2)
+            && LINES[topic].slot_size as usize > LONG_MESSAGE
+            && !self.random.one_in(4)
         {
             self.await_midst(topic)?;
         }
         self.stage.kill(index)?;
         self.kills += 1;
         self.node_kills += u64::from(role.is_node());
-        if let Some(topic) = written
-            && let Some(Progress { instance, number }) = self.in_midst(topic)?
-        {
-            self.half_written.insert((topic, instance, number));
+        if let Some(topic) = written {
+            self.note_half_written(topic)?;
         }
         if role == Role::Publisher(VICTIM) {
             self.harm_after_death()?;
@@ -342,9 +339,11 @@ impl Run<'_> {
     /// Waits until a message is being written. What a predecessor left half-written does not count.
     fn await_midst(&self, topic: usize) -> io::Result<()> {
         let deadline = Instant::now() + AIM;
+        let Some(file) = self.file(topic)? else {
+            return Ok(());
+        };
         while Instant::now() < deadline {
-            if let Some(Progress { instance, number }) = self.in_midst(topic)?
-                && !self.half_written.contains(&(topic, instance, number))
+            if in_midst(&file).is_some_and(|message| !self.half_written.contains(&(topic, message)))
             {
                 return Ok(());
             }
@@ -352,21 +351,17 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// The message that is being written, if there is one.
-    fn in_midst(&self, number: usize) -> io::Result<Option<Progress>> {
-        const INSTANCE: usize = 32;
-        const WRITE_IDX: usize = 64;
-        const WRITE_INTENT: usize = 72;
-        let topic = self.stage.topic(number).map_err(io::Error::other)?;
-        let mut head = [0; 80];
-        let read = File::open(topic.path()).and_then(|file| file.read_exact_at(&mut head, 0));
-        let long = |at: usize| u64::from_le_bytes(std::array::from_fn(|i| head[at + i]));
-        let (published, intended) = (long(WRITE_IDX), long(WRITE_INTENT));
-        let midst = read.is_ok() && intended == published.wrapping_add(1);
-        Ok(midst.then_some(Progress {
-            instance: long(INSTANCE),
-            number: published,
-        }))
+    /// Notes the message that the dead publisher was in the midst of, if it was.
+    fn note_half_written(&mut self, topic: usize) -> io::Result<()> {
+        if let Some(message) = self.file(topic)?.as_ref().and_then(in_midst) {
+            self.half_written.insert((topic, message));
+        }
+        Ok(())
+    }
+
+    fn file(&self, topic: usize) -> io::Result<Option<File>> {
+        let topic = self.stage.topic(topic).map_err(io::Error::other)?;
+        Ok(File::open(topic.path()).ok())
     }
 
     fn harm_after_death(&mut self) -> io::Result<()> {
@@ -429,10 +424,19 @@ impl Run<'_> {
     }
 }
 
-/// A message that is being written.
-struct Progress {
-    instance: u64,
-    number: u64,
+/// A message by its segment and number.
+type Message = (u64, u64);
+
+/// The message that is being written, if there is one.
+fn in_midst(file: &File) -> Option<Message> {
+    const INSTANCE: usize = 32;
+    const WRITE_IDX: usize = 64;
+    const WRITE_INTENT: usize = 72;
+    let mut head = [0; 80];
+    file.read_exact_at(&mut head, 0).ok()?;
+    let long = |at: usize| u64::from_le_bytes(std::array::from_fn(|i| head[at + i]));
+    let (published, intended) = (long(WRITE_IDX), long(WRITE_INTENT));
+    (intended == published.wrapping_add(1)).then(|| (long(INSTANCE), published))
 }
 
 fn dismissed(role: Role) -> bool {
