@@ -1,7 +1,7 @@
 //! A message lent for the length of a block.
 //!
 //! The memory belongs to a [`Loan`], which whatever shows it keeps alive: an array that outlives the block keeps looking at
-//! its own message, never at another one. A loan is a copy now; once it is a pinned slot of the ring, nothing else changes.
+//! its own message, never at another one. A loan is a copy now; once it is a held slot of the ring, nothing else changes.
 
 use std::ffi::c_int;
 use std::mem;
@@ -39,23 +39,32 @@ impl Pool {
         act(&mut self.state.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    fn take(self: &Arc<Self>) -> PyResult<Loan> {
-        let bytes = self.change(|state| {
-            (state.out < LIMIT).then(|| {
-                state.out += 1;
-                state.at_rest.pop().unwrap_or_default()
-            })
+    fn take(self: &Arc<Self>) -> PyResult<(Loan, Ticket)> {
+        let taken = self.change(|state| {
+            let is_free = state.out < LIMIT;
+            state.out += usize::from(is_free);
+            is_free.then(|| state.at_rest.pop().unwrap_or_default())
         });
-        let pool = Arc::clone(self);
-        bytes.map(|bytes| Loan { bytes, pool }).ok_or_else(|| {
+        let bytes = taken.ok_or_else(|| {
             LeaseLimitError::new_err(format!(
-                "{LIMIT} leases of this subscriber are held already, by a block or by arrays made in one; copy what is to be kept"
+                "{LIMIT} leases of this subscriber are held already; leave one of their blocks first"
             ))
-        })
+        })?;
+        let pool = Arc::clone(self);
+        Ok((Loan { bytes, pool }, Ticket(Arc::clone(self))))
     }
 }
 
-/// The memory of one lease. It goes back when nothing shows it any more.
+/// One of the leases that a subscriber may have at once.
+struct Ticket(Arc<Pool>);
+
+impl Drop for Ticket {
+    fn drop(&mut self) {
+        self.0.change(|state| state.out -= 1);
+    }
+}
+
+/// The memory of one lease. It is used again when nothing shows it any more.
 #[pyclass(frozen, module = "conduit_ring")]
 pub(crate) struct Loan {
     bytes: Vec<u8>,
@@ -78,8 +87,9 @@ impl Drop for Loan {
     fn drop(&mut self) {
         let bytes = mem::take(&mut self.bytes);
         self.pool.change(|state| {
-            state.out -= 1;
-            state.at_rest.push(bytes);
+            if state.at_rest.len() < LIMIT {
+                state.at_rest.push(bytes);
+            }
         });
     }
 }
@@ -87,9 +97,9 @@ impl Drop for Loan {
 /// A message lent for the length of a ``with`` block, from :meth:`Subscriber.lease`.
 ///
 /// At the block's end the lease is over: :attr:`data`, :meth:`array` and :meth:`tobytes` raise ``ValueError`` then, and so
-/// does a ``memoryview`` from :attr:`data`. A numpy array cannot be made to raise. One that you keep beyond the block stays
-/// what it is and keeps the lease's memory for itself; a subscriber has three of those, and the next lease is refused with
-/// :class:`LeaseLimitError`. So compute inside the block, and ``.copy()`` what is to be kept.
+/// does a ``memoryview`` from :attr:`data`. A numpy array cannot be made to raise: one that you keep beyond the block stays
+/// what it is and never shows another message, but the memory is its own then, and the next lease has to get new. So
+/// compute inside the block. A subscriber has at most three leases at once.
 ///
 /// What it costs today: one copy out of the ring into a buffer that is used again and again, so nothing is allocated or
 /// zeroed for a message, and no copy beyond that one. The block is drawn such that it can become a view of the ring's own
@@ -107,6 +117,7 @@ enum Stage {
         loan: Py<Loan>,
         meta: Meta,
         views: Vec<Py<PyMemoryView>>,
+        _ticket: Ticket,
     },
     Over,
 }
@@ -173,13 +184,14 @@ impl Lease {
             ));
         }
         let subscriber = slf.subscriber.get();
-        let mut loan = subscriber.leases().take()?;
+        let (mut loan, ticket) = subscriber.leases().take()?;
         let deadline = Deadline::after(slf.timeout)?;
         let meta = subscriber.next_message(py, &mut loan.bytes, deadline)?;
         let held = Stage::Held {
             loan: Py::new(py, loan)?,
             meta,
             views: Vec::new(),
+            _ticket: ticket,
         };
         *slf.lock() = held;
         Ok(slf)
@@ -226,7 +238,9 @@ impl Lease {
         act: impl FnOnce(&Py<Loan>, &Meta, &mut Vec<Py<PyMemoryView>>) -> R,
     ) -> PyResult<R> {
         match &mut *self.lock() {
-            Stage::Held { loan, meta, views } => Ok(act(loan, meta, views)),
+            Stage::Held {
+                loan, meta, views, ..
+            } => Ok(act(loan, meta, views)),
             Stage::Before => Err(PyValueError::new_err("a lease is used in a with block")),
             Stage::Over => Err(PyValueError::new_err(
                 "the lease is over: its block was left",
