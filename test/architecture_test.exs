@@ -23,7 +23,7 @@ defmodule ArchitectureTest do
     payload: {~w(BB.Message.*), [:envelope, :options, :math]},
 
     # The bus moves messages and does not read them: no payload.
-    pub_sub: {~w(BB.PubSub.*), [:path, :envelope]},
+    pub_sub: {~w(BB.PubSub.*), [:path, :options, :envelope]},
 
     # What runs and what keeps it running. The declaration is data: the robot, and its components as it declares them.
     process: {~w(BB.Process), []},
