@@ -111,7 +111,7 @@ defmodule BB.PubSub do
 
   def publish(robot, path, %Message{payload: %{__struct__: type}} = message, []) do
     with {__MODULE__, routes, _bus} <- :persistent_term.get(robot, nil),
-         {meter, targets, _metered, nil} <- Routes.find(routes, path, type) do
+         {_, _, meter, targets, _, nil} <- Routes.find(routes, path, type) do
       Traffic.count(meter, message.monotonic_time)
 
       case targets do
@@ -145,18 +145,18 @@ defmodule BB.PubSub do
     end
   end
 
-  defp publish_routed(bus, {meter, targets, metered, nil}, path, _type, message, except) do
+  defp publish_routed(bus, {_, _, meter, targets, metered, nil}, path, _type, message, except) do
     Traffic.count(meter, message.monotonic_time)
     Delivery.deliver_except(bus, {targets, metered}, except, {:bb, path, message}, nil)
   end
 
   # Whoever has subscribed by the time that the message is kept gets it from here, whoever comes later by a replay.
-  defp publish_routed(bus, {meter, _, _, sequence}, path, type, message, except) do
+  defp publish_routed(bus, {_, _, meter, _, _, sequence}, path, type, message, except) do
     Traffic.count(meter, message.monotonic_time)
     number = Retention.keep(bus, path, message, sequence)
 
     case route(bus.robot, path, type) do
-      {_, targets, metered, _} ->
+      {_, _, _, targets, metered, _} ->
         Delivery.deliver_except(bus, {targets, metered}, except, {:bb, path, message}, number)
 
       nil ->

@@ -13,8 +13,8 @@ defmodule BB.PubSub.Gate do
 
   The length of another process's mailbox costs about a microsecond while that process sleeps. While it runs, the answer
   waits for its turn to end, which may take a millisecond. So a look that finds room allows some messages more (an eighth of
-  `max_queue`, as far as there is room) without another look, and a look that took long is not repeated before ten times as
-  long has passed: a busy subscriber costs a publisher a tenth of its time at most.
+  `max_queue`, as far as there is room) without another look, and one that took long and found none is not repeated before
+  ten times as long has passed: a busy subscriber with a full mailbox costs a publisher a tenth of its time at most.
 
   ## Replaying
 
@@ -198,17 +198,10 @@ defmodule BB.PubSub.Gate do
 
     if start >= :atomics.get(counters, @look_after) do
       info = Process.info(pid, :message_queue_len)
-      looked(counters, :erlang.monotonic_time(:nanosecond), start)
-      room?(counters, max, info)
+      room?(counters, max, info) or full(counters, start)
     else
       false
     end
-  end
-
-  defp looked(counters, now, start) do
-    if now - start > @long_ns,
-      do: :atomics.put(counters, @look_after, now + 10 * (now - start)),
-      else: :ok
   end
 
   defp room?(counters, max, {:message_queue_len, length}) when length <= max do
@@ -217,6 +210,12 @@ defmodule BB.PubSub.Gate do
   end
 
   defp room?(_counters, _max, _info), do: false
+
+  defp full(counters, start) do
+    now = :erlang.monotonic_time(:nanosecond)
+    if now - start > @long_ns, do: :atomics.put(counters, @look_after, now + 10 * (now - start))
+    false
+  end
 
   defp report_missed(_counters, %{max_queue: nil}), do: :ok
 

@@ -74,7 +74,7 @@ defmodule BB.PubSub.Registrar do
 
     routes =
       for {{path, type}, _meter} <- named, reduce: Routes.new() do
-        routes -> Routes.put(routes, path, type, nil)
+        routes -> Routes.put(routes, {path, type, nil, [], [], nil})
       end
 
     state = %__MODULE__{
@@ -112,7 +112,10 @@ defmodule BB.PubSub.Registrar do
   def handle_cast({:seen, path, type}, state) do
     if unnamed?(path),
       do: %{state | unnamed: :queue.in({path, type}, state.unnamed)} |> forget() |> next(),
-      else: %{state | routes: Routes.put(state.routes, path, type, nil)} |> later(path) |> next()
+      else:
+        %{state | routes: Routes.put(state.routes, {path, type, nil, [], [], nil})}
+        |> later(path)
+        |> next()
   end
 
   @impl GenServer
@@ -307,7 +310,7 @@ defmodule BB.PubSub.Registrar do
     {steps, _filtered} = Routes.plan(above(state, path), path, type)
     sequence = if Bus.retained?(bus, path), do: Retention.sequence(bus, path)
     targets = Delivery.targets(bus, steps, path)
-    route = {Traffic.meter(bus, path, type), targets, Routes.metered(steps), sequence}
-    Routes.put(routes, path, type, route)
+    meter = Traffic.meter(bus, path, type)
+    Routes.put(routes, {path, type, meter, targets, Routes.metered(steps), sequence})
   end
 end

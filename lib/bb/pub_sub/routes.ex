@@ -2,22 +2,25 @@ defmodule BB.PubSub.Routes do
   @moduledoc """
   Where a message goes, worked out before it is published. Everything here is a function of its arguments.
 
-  Routes are a tree of maps, a level for each segment; below a path's last segment, at the key `[]`, stands a map from payload
-  types to routes. So a publisher finds its route by as many small lookups as the path has segments, and subscriptions
-  elsewhere in the tree, or of other types, are not in it.
+  A publisher's message touches as little memory as can be: the last segment of a path, which tells most paths apart, is looked
+  up in a map and leads to the few sources that end in it. Where many do, there is a map of those. Subscriptions elsewhere, or
+  for other types, are not in it.
   """
 
   alias BB.Path
   alias BB.PubSub.{Subscription, Traffic}
 
-  @type t :: %{optional(Path.segment()) => t(), optional([]) => %{module() => route()}}
+  @few 8
+
+  @type t :: %{(Path.segment() | nil) => [route()] | %{{Path.t(), module()} => route()}}
 
   @typedoc """
-  The meter of the source; who receives it; for each of those the subscription that counts by the meter, if any; and the
-  sequence of a retained path's numbers.
+  A source, its meter, and who receives what it publishes; for each of those the subscription that counts by the meter, if
+  any; and the sequence of a retained path's numbers.
   """
   @type route ::
-          {Traffic.meter(), [target()], [reference() | nil], :atomics.atomics_ref() | nil}
+          {Path.t(), module(), Traffic.meter() | nil, [target()], [reference() | nil],
+           :atomics.atomics_ref() | nil}
 
   @typedoc "A process that gets the message, or one that gets it through one of these gates."
   @type target :: pid() | {pid(), [BB.PubSub.Gate.t()]}
@@ -32,31 +35,42 @@ defmodule BB.PubSub.Routes do
   @spec new() :: t()
   def new, do: %{}
 
-  @doc "The route of a source."
+  @doc "The route of a source. A path that is no list of segments has none."
   @spec find(t(), Path.t(), module()) :: route() | nil
-  def find(routes, [segment | rest], type) do
+  def find(routes, path, type) do
+    last = last(path)
+
     case routes do
-      %{^segment => below} -> find(below, rest, type)
+      %{^last => few} when is_list(few) -> among(few, path, type)
+      %{^last => %{{^path, ^type} => route}} -> route
       _ -> nil
     end
   end
 
-  def find(%{[] => types}, [], type) do
-    case types do
-      %{^type => route} -> route
-      _ -> nil
-    end
+  defp last([segment]), do: segment
+  defp last([_ | rest]), do: last(rest)
+  defp last(_), do: nil
+
+  defp among([{path, type, _, _, _, _} = route | _], path, type), do: route
+  defp among([_ | rest], path, type), do: among(rest, path, type)
+  defp among([], _path, _type), do: nil
+
+  @doc "Puts the route of its source."
+  @spec put(t(), route()) :: t()
+  def put(routes, route) do
+    last = last(elem(route, 0))
+    Map.put(routes, last, routes |> Map.get(last, []) |> put_among(route))
   end
 
-  def find(_routes, _path, _type), do: nil
+  defp put_among(many, route) when is_map(many), do: Map.put(many, source(route), route)
 
-  @doc "Puts the route of a source."
-  @spec put(t(), Path.t(), module(), route()) :: t()
-  def put(routes, [segment | rest], type, route),
-    do: Map.put(routes, segment, put(Map.get(routes, segment, %{}), rest, type, route))
+  defp put_among(few, route) do
+    source = source(route)
+    few = [route | Enum.reject(few, &(source(&1) == source))]
+    if length(few) > @few, do: Map.new(few, &{source(&1), &1}), else: few
+  end
 
-  def put(routes, [], type, route),
-    do: Map.update(routes, [], %{type => route}, &Map.put(&1, type, route))
+  defp source({path, type, _, _, _, _}), do: {path, type}
 
   @doc "For each step the subscription that counts by the source's meter, `nil` where gates count."
   @spec metered([step()]) :: [reference() | nil]
@@ -68,21 +82,14 @@ defmodule BB.PubSub.Routes do
   @doc "The sources at and below a prefix."
   @spec below(t(), Path.t()) :: [{Path.t(), module()}]
   def below(routes, prefix) do
-    case at(routes, prefix) do
-      nil -> []
-      node -> sources(node, prefix)
-    end
+    for {_last, sources} <- routes,
+        {path, type} <- sources(sources),
+        Path.prefix?(prefix, path),
+        do: {path, type}
   end
 
-  defp at(node, []), do: node
-  defp at(node, [segment | rest]), do: node[segment] && at(node[segment], rest)
-
-  defp sources(node, path) do
-    Enum.flat_map(node, fn
-      {[], types} -> for {type, _route} <- types, do: {path, type}
-      {segment, below} -> sources(below, path ++ [segment])
-    end)
-  end
+  defp sources(few) when is_list(few), do: Enum.map(few, &source/1)
+  defp sources(many), do: Map.keys(many)
 
   @doc """
   Who gets what is published at `path` with a payload of `type`: the steps to take, in order, and the subscriptions that hear of
