@@ -1,4 +1,4 @@
-defmodule BB.PubSub.OptionsTest do
+defmodule BB.PubSub.SubscriptionTest do
   use ExUnit.Case, async: true
   import BB.Test.Eventually
 
@@ -156,15 +156,22 @@ defmodule BB.PubSub.OptionsTest do
       publishers = for _ <- 1..2, do: Task.async(fn -> publish(robot, path, 1..5_000) end)
       Task.await_many(publishers)
 
-      assert Actor.waiting(actor) in 100..115
+      assert Actor.waiting(actor) in 100..140
       before = Actor.received(actor)
       missed = Actor.run(actor, fn -> PubSub.missed(robot) end)
       assert missed == 10_001 - Enum.count(before, &match?({^path, _}, &1))
+      assert missed > 9_000
 
-      eventually(fn ->
-        publish(robot, path, [1])
-        Enum.any?(Actor.received(actor), &match?({:missed, [:slept], n} when n > 9_000, &1))
-      end)
+      # It may have been told of some of them before.
+      later =
+        eventually(fn ->
+          publish(robot, path, [1])
+          received = Actor.received(actor)
+          Enum.any?(received, &match?({:missed, [:slept], _}, &1)) && received
+        end)
+
+      told = for {:missed, [:slept], n} <- before ++ later, do: n
+      assert Enum.sum(told) == Actor.run(actor, fn -> PubSub.missed(robot) end)
     end
 
     test "other messages in the mailbox count too", %{robot: robot, actor: actor} do
@@ -200,78 +207,5 @@ defmodule BB.PubSub.OptionsTest do
     end
 
     defp spin, do: spin()
-  end
-
-  describe "topics" do
-    test "are every source path seen with payload type, count, rate and age", %{robot: robot} do
-      start = System.monotonic_time(:nanosecond)
-
-      for n <- 1..40 do
-        times = [monotonic_time: start + n * 10_000_000]
-
-        PubSub.publish(
-          robot,
-          [:a, :b],
-          Message.new!(Status, :f, [state: :up, restarts: n], times)
-        )
-      end
-
-      PubSub.publish(robot, [:a], power())
-
-      assert [
-               %{path: [:a], type: PowerState, count: 1, rate_hz: 0.0},
-               %{path: [:a, :b], type: Status, count: 40, rate_hz: rate, age_ns: age}
-             ] = PubSub.topics(robot)
-
-      assert_in_delta rate, 100.0, 0.1
-      assert start + 400_000_000 + age <= System.monotonic_time(:nanosecond)
-    end
-
-    test "remember only the newest paths with references", %{robot: robot} do
-      for _ <- 1..1_100, do: publish(robot, [:reply, make_ref()], [1])
-      publish(robot, [:a], [1])
-      eventually(fn -> length(PubSub.topics(robot)) == 1_001 end)
-      assert Enum.any?(PubSub.topics(robot), &(&1.path == [:a]))
-    end
-  end
-
-  describe "stats" do
-    test "are per subscriber delivered, dropped, filtered", %{robot: robot, actor: actor} do
-      publish(robot, [:a], 1..5)
-      subscribe(actor, robot, [:a], message_types: [Status])
-      publish(robot, [:a, :b], 1..3)
-      routed(robot, [:a, :b], Status)
-      publish(robot, [:a, :b], 1..3)
-      PubSub.publish(robot, [:a], power())
-      PubSub.publish(robot, [:a], status(1), except: [actor])
-      publish(robot, [:c], [1])
-
-      assert PubSub.stats(robot) == [
-               %{
-                 pid: actor,
-                 path: [:a],
-                 message_types: [Status],
-                 delivered: 6,
-                 dropped: 0,
-                 filtered: 1
-               }
-             ]
-    end
-
-    test "keep what was delivered before when a unique subscription comes and goes", %{
-      robot: robot,
-      actor: actor
-    } do
-      subscribe(actor, robot, [])
-      publish(robot, [:a], 1..3)
-      subscribe(actor, robot, [:a], unique: true)
-      publish(robot, [:a], 1..4)
-      Actor.run(actor, fn -> PubSub.unsubscribe(robot, [:a]) end)
-      publish(robot, [:a], 1..2)
-      got = length(numbers(actor))
-      assert got == 9
-      assert [%{path: [], delivered: delivered, filtered: filtered}] = PubSub.stats(robot)
-      assert delivered + filtered == 9
-    end
   end
 end
