@@ -26,12 +26,47 @@ defmodule BB.PubSub do
       publishers there is no order.
     * Within one publication the path itself comes first, then its ancestors, nearest first. A process that subscribed twice,
       or at two levels, receives twice.
-    * A subscriber that dies is forgotten; `subscribers/2` does not list it from then on.
+    * A subscriber that dies is forgotten; `subscribers/2` does not list it from then on. Subscribers are not linked to the bus:
+      nobody's end is another's.
+    * Subscriptions last as long as the robot. They survive the death of every process of the bus; somebody who subscribes in
+      that moment waits until it is over.
 
-  It does not promise that a message arrives where nobody listens: a subscriber that comes late has missed what was published
-  before. A subscriber that never reads its mailbox fills it.
+  It does not promise that a message arrives where nobody listens, except on retained paths. A subscriber that never reads
+  its mailbox fills it, unless it asked for `max_queue`.
 
   The bus of a robot lives as long as the robot: functions raise `ArgumentError` when it is not started.
+
+  ## What a subscriber may ask for
+
+      # A display wants ten a second, of what is going on now, however slow it is.
+      BB.PubSub.subscribe(MyRobot, [:sensor], max_rate: 10, max_queue: 100)
+
+      # Somebody who comes late wants to know the parameters as they are.
+      BB.PubSub.subscribe(MyRobot, [:param], replay: true)
+
+  The options of `subscribe/3` combine freely, and cost those alone who ask for them:
+
+    * A subscriber with `max_queue` that was skipped gets `{:bb_missed, path, count}` before the next message that it is sent:
+      since the last one, `count` messages for its subscription at `path` went by. `missed/1` tells the sum at any time. A
+      GenServer with this option has a clause for that in `handle_info/2`. The limit is approximate: a publisher that
+      found room sends up to an eighth of it without looking again.
+    * `unique` is about the process: it gets one copy of a message that reaches its unique subscription, by the first of its
+      subscriptions, from the path upwards, that takes it.
+    * `replay` sends the last message of each retained path at once, in the mailbox when `subscribe/3` returns, then everything
+      newer once and in order. The other options hold for what is replayed too: type, rate, mailbox.
+
+  ## Retained paths
+
+  The last message of each path at and below `[:param]`, `[:state_machine]` and `[:sensor_status]` is kept, as it is of sensors
+  declared with `retain: true` and of what is given to `retain/2`. `last/2` reads it. One message is kept for each path,
+  whatever its type.
+
+  ## What it costs
+
+  Publishing to nobody takes about as long as three or four function calls; otherwise it is little more than a `send/2` for each
+  subscriber, and subscribers elsewhere or for other types cost nothing (docs/performance.md). Subscribing is dearer: all
+  publishers get new routes, which takes the longer the more sources there are. Subscribe at the start, not for each message.
+  The first messages of a path, and all on paths with references, take some microseconds.
   """
 
   alias BB.{Message, Options, Path}
