@@ -69,6 +69,8 @@ defmodule BB.PubSub do
   The first messages of a path, and all on paths with references, take some microseconds.
   """
 
+  require BB.PubSub.Traffic
+
   alias BB.{Message, Options, Path}
   alias BB.PubSub.{Bus, Delivery, Gate, Registrar, Retention, Routes, Subscription, Traffic}
 
@@ -144,15 +146,17 @@ defmodule BB.PubSub do
   @spec publish(module(), Path.t(), Message.t(), [publish_option()]) :: :ok
   def publish(robot, path, message, opts \\ [])
 
-  def publish(robot, path, %Message{payload: %{__struct__: type}} = message, []) do
+  def publish(
+        robot,
+        path,
+        %Message{payload: %{__struct__: type}, monotonic_time: time} = message,
+        []
+      )
+      when is_integer(time) do
     with {__MODULE__, routes, _bus} <- :persistent_term.get(robot, nil),
          {_, _, meter, targets, _, nil} <- Routes.find(routes, path, type) do
-      Traffic.count(meter, message.monotonic_time)
-
-      case targets do
-        [] -> :ok
-        _ -> Delivery.deliver(targets, {:bb, path, %{message | robot: robot}}, nil)
-      end
+      Traffic.tick(meter, time)
+      send_all(targets, path, message, robot)
     else
       _ -> publish_otherwise(robot, path, type, message, [])
     end
@@ -168,6 +172,11 @@ defmodule BB.PubSub do
   def publish(_robot, _path, message, _opts) do
     raise ArgumentError, "what is published is a %BB.Message{}, got: #{inspect(message)}"
   end
+
+  defp send_all([], _path, _message, _robot), do: :ok
+
+  defp send_all(targets, path, message, robot),
+    do: Delivery.deliver(targets, {:bb, path, %{message | robot: robot}}, nil)
 
   # With an option, on a retained path, or where there is no route yet.
   defp publish_otherwise(robot, path, type, message, except) do

@@ -269,8 +269,13 @@ defmodule BB.PubSub.Gate do
     cond do
       not Process.alive?(pid) -> :older
       tries > @yields + @waits -> :newer
-      true -> pause(tries) && replayed(cell, number, pid, tries + 1)
+      true -> wait_again(cell, number, pid, tries)
     end
+  end
+
+  defp wait_again(cell, number, pid, tries) do
+    pause(tries)
+    replayed(cell, number, pid, tries + 1)
   end
 
   defp pause(tries) when tries < @yields, do: :erlang.yield()

@@ -58,13 +58,17 @@ defmodule BB.PubSub.Traffic do
     end
   end
 
-  @doc "Counts a message that was measured at `time`, Erlang monotonic time in nanoseconds."
-  @spec count(meter(), integer()) :: :ok
-  def count(meter, time) when is_integer(time) do
-    number = :atomics.add_get(meter, 1, 1)
-    :atomics.put(meter, 2 + (number &&& @times - 1), time)
+  @doc "`count/2` for an integer, without a call."
+  defmacro tick(meter, time) do
+    quote do
+      number = :atomics.add_get(unquote(meter), 1, 1)
+      :atomics.put(unquote(meter), 2 + :erlang.band(number, unquote(@times - 1)), unquote(time))
+    end
   end
 
+  @doc "Counts a message that was measured at `time`, Erlang monotonic time in nanoseconds."
+  @spec count(meter(), integer()) :: :ok
+  def count(meter, time) when is_integer(time), do: tick(meter, time)
   def count(meter, _time), do: count(meter, :erlang.monotonic_time(:nanosecond))
 
   @doc "How many messages were counted."
