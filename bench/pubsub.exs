@@ -7,9 +7,9 @@ defmodule Bench.PubSub do
   alias BB.Math.{Quaternion, Vec3}
   alias BB.Message.Sensor.{Imu, Status}
 
-  @rounds 151
+  @rounds 101
   @warm_up 20
-  @calls 500
+  @calls 2_000
   @calls_alone 50
   @roomy 50_000
   @roomy_receiver 10_000

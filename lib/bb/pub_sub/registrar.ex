@@ -56,11 +56,11 @@ defmodule BB.PubSub.Registrar do
 
   @attempts 1_000
 
-  # While it is being started again its work is only late. All requests may be repeated.
+  # While it is being started again its work is only late. A request may be repeated: it is known by its subscription's id.
   defp call(bus, request, left \\ @attempts) do
     GenServer.call(bus.registrar, request)
   catch
-    :exit, {reason, _} when left > 0 and reason not in [:timeout, :calling_self] ->
+    :exit, {reason, _} when left > 0 and reason in [:noproc, :killed, :shutdown, :normal] ->
       _ = Bus.fetch!(bus.robot)
       Process.sleep(1)
       call(bus, request, left - 1)

@@ -183,6 +183,41 @@ defmodule BB.PubSub.RetentionTest do
     assert numbers == Enum.to_list(first..List.last(numbers))
   end
 
+  # Keeping a large message takes a while, in which others subscribe.
+  test "a subscriber that comes while a message is being kept misses nothing", %{robot: robot} do
+    path = [:param, :large]
+    large = Enum.to_list(1..50_000)
+    message = &%{status(&1) | payload: %Status{state: :up, reason: large, restarts: &1}}
+    PubSub.publish(robot, path, message.(1))
+    routed(robot, path)
+    test = self()
+
+    publishing =
+      Task.async(fn ->
+        for n <- 2..41 do
+          message = message.(n)
+          if rem(n, 4) == 0, do: send(test, :subscribe)
+          PubSub.publish(robot, path, message)
+        end
+      end)
+
+    subscribing =
+      for _ <- 1..10 do
+        assert_receive :subscribe, 5_000
+        Task.async(fn -> for {^path, n} <- late_subscriber(robot, [path], 41), do: n end)
+      end
+
+    Task.await(publishing)
+    for task <- subscribing, do: assert_gapless(Task.await(task))
+  end
+
+  defp routed(robot, path) do
+    eventually(fn ->
+      {_, routes, _} = :persistent_term.get(robot)
+      PubSub.Routes.find(routes, path, Status)
+    end)
+  end
+
   test "a message that is being replayed holds up a newer one, an older one is not delivered any more" do
     cell = :atomics.new(2, [])
     subscription = %{PubSub.Subscription.new([:a], replay: true) | pid: self()}
