@@ -92,30 +92,35 @@ defmodule BB.PubSub.Registrar do
   @impl GenServer
   def handle_call({:subscribe, subscription}, from, state) do
     if known?(state, subscription),
-      do: {:reply, {:ok, self()}, state},
-      else: state |> add(subscription) |> answer(from, {:ok, self()})
+      do: answer_now(state, from, {:ok, self()}),
+      else: state |> add(subscription) |> answer(from, {:ok, self()}, subscription.path)
   end
 
   def handle_call({:unsubscribe, pid, path}, from, state),
-    do: state |> remove(pid, path) |> unwatch(pid) |> answer(from, :ok)
+    do: state |> remove(pid, path) |> unwatch(pid) |> answer(from, :ok, path)
 
   def handle_call({:retain, prefix}, from, state) do
     if prefix in state.bus.retained do
-      {:reply, :ok, state}
+      answer_now(state, from, :ok)
     else
       bus = %{state.bus | retained: [prefix | state.bus.retained]}
-      %{state | bus: bus} |> dirty(prefix) |> answer(from, :ok)
+      %{state | bus: bus} |> dirty(prefix) |> answer_later(from, :ok)
     end
   end
 
   @impl GenServer
   def handle_cast({:seen, path, type}, state) do
-    if unnamed?(path),
-      do: %{state | unnamed: :queue.in({path, type}, state.unnamed)} |> forget() |> next(),
-      else:
-        %{state | routes: Routes.put(state.routes, {path, type, nil, [], [], nil})}
-        |> later(path)
-        |> next()
+    cond do
+      unnamed?(path) ->
+        %{state | unnamed: :queue.in({path, type}, state.unnamed)} |> forget() |> next()
+
+      Routes.find(state.routes, path, type) ->
+        next(state)
+
+      true ->
+        routes = Routes.put(state.routes, {path, type, nil, [], [], nil})
+        %{state | routes: routes} |> later(path) |> next()
+    end
   end
 
   @impl GenServer
@@ -125,7 +130,7 @@ defmodule BB.PubSub.Registrar do
   def handle_info({:DOWN, _ref, :process, pid, _reason}, state) do
     {{_ref, paths}, subscribers} = Map.pop(state.subscribers, pid, {nil, []})
     state = %{state | subscribers: subscribers}
-    paths |> Enum.uniq() |> Enum.reduce(state, &remove(&2, pid, &1)) |> later() |> next()
+    paths |> Enum.reduce(state, &(&2 |> remove(pid, &1) |> later_if_routed(&1))) |> next()
   end
 
   def handle_info(_message, state), do: next(state)
@@ -152,7 +157,6 @@ defmodule BB.PubSub.Registrar do
     end)
     |> watch(subscription.pid)
     |> note(subscription)
-    |> dirty(subscription.path)
   end
 
   defp remove(state, pid, path) do
@@ -163,7 +167,7 @@ defmodule BB.PubSub.Registrar do
       {gone, left} ->
         state = change(state, pid, [], &put(&1, path, left))
         Enum.each(gone, &erase(state.bus, &1))
-        dirty(state, path)
+        state
     end
   end
 
@@ -279,7 +283,21 @@ defmodule BB.PubSub.Registrar do
 
   defp dirty(state, path), do: %{state | dirty: [path | state.dirty]}
 
-  defp answer(state, from, reply) do
+  # Publishers without a route look at the subscriptions themselves.
+  defp answer(state, from, reply, path) do
+    if Routes.routed?(state.routes, path) do
+      state |> dirty(path) |> answer_later(from, reply)
+    else
+      answer_now(state, from, reply)
+    end
+  end
+
+  defp answer_now(state, from, reply) do
+    GenServer.reply(from, reply)
+    next(state)
+  end
+
+  defp answer_later(state, from, reply) do
     state = %{state | waiting: [{from, reply} | state.waiting]}
     if length(state.waiting) < @most_waiting, do: next(state), else: {:noreply, flush(state)}
   end
@@ -287,6 +305,9 @@ defmodule BB.PubSub.Registrar do
   # A time-out of 0 comes when nobody else is asking.
   defp next(%{waiting: []} = state), do: {:noreply, state}
   defp next(state), do: {:noreply, state, 0}
+
+  defp later_if_routed(state, path),
+    do: if(Routes.routed?(state.routes, path), do: later(state, path), else: state)
 
   defp later(state, path), do: state |> dirty(path) |> later()
 

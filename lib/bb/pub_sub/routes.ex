@@ -88,6 +88,20 @@ defmodule BB.PubSub.Routes do
         do: {path, type}
   end
 
+  @doc "Whether publishers have a route for anything at or below a prefix; a source without a meter has none yet."
+  @spec routed?(t(), Path.t()) :: boolean()
+  def routed?(routes, prefix) do
+    Enum.any?(routes, fn {_last, few_or_many} ->
+      Enum.any?(
+        routes_of(few_or_many),
+        &(elem(&1, 2) != nil and Path.prefix?(prefix, elem(&1, 0)))
+      )
+    end)
+  end
+
+  defp routes_of(few) when is_list(few), do: few
+  defp routes_of(many), do: Map.values(many)
+
   defp sources(few) when is_list(few), do: Enum.map(few, &source/1)
   defp sources(many), do: Map.keys(many)
 

@@ -45,7 +45,7 @@ defmodule BB.PubSub.ModelTest do
   end
 
   property "deliveries, their order, stats and last messages are those of the model",
-    numtests: 400 do
+    numtests: 150 do
     forall steps <- list(step()) do
       robot = Module.concat(__MODULE__, "Robot#{System.unique_integer([:positive])}")
       {:ok, bus} = PubSub.start_link(robot)
