@@ -12,7 +12,7 @@ defmodule Mix.Tasks.Compile.Cargo do
   use Mix.Task.Compiler
 
   @nif "conduit_ring_nif"
-  @programs ~w(camera process_guard vision_tags)
+  @programs ~w(camera ganglion process_guard vision_tags)
 
   @triples %{
     "aarch64-nerves-linux-gnu" => "aarch64-unknown-linux-gnu",

@@ -69,8 +69,9 @@ defmodule ArchitectureTest do
     "process_guard" => [],
     "program" => [],
     "camera" => ["conduit_ring", "ganglion_messages", "program"],
-    "chaos" => ["conduit_ring", "program"],
-    "vision_tags" => ["conduit_ring", "ganglion_messages", "program"]
+    "vision_tags" => ["conduit_ring", "ganglion_messages", "program"],
+    "ganglion_cli" => ["conduit_ring", "ganglion_messages", "program"],
+    "chaos" => ["conduit_ring", "program"]
   }
 
   # What the tests of a crate may depend on besides: the detector is tested with the camera's rendered scene.

@@ -2,6 +2,7 @@ defmodule FirstLightTest do
   @moduledoc "The main job, end to end: the simulated chip, the ring, the camera and the detector as they ship."
   use ExUnit.Case, async: true
 
+  import BB.Test.Eventually
   import BB.Test.Native
   import BB.Test.Robot
 

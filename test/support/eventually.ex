@@ -1,15 +1,21 @@
 defmodule BB.Test.Eventually do
   @moduledoc "For what becomes true without telling anyone."
 
-  @doc "Whether `check` returns something true within five seconds."
-  def eventually(check, tries \\ 500)
-  def eventually(_check, 0), do: false
+  @doc "Looks again and again until `fun` gives something true, which it returns; fails after `timeout_ms`."
+  def eventually(fun, timeout_ms \\ 10_000),
+    do: eventually(fun, timeout_ms, System.monotonic_time(:millisecond))
 
-  def eventually(check, tries) do
-    check.() ||
-      receive do
-      after
-        10 -> eventually(check, tries - 1)
-      end
+  defp eventually(fun, timeout_ms, started) do
+    cond do
+      result = fun.() ->
+        result
+
+      System.monotonic_time(:millisecond) - started > timeout_ms ->
+        raise ExUnit.AssertionError, "not within #{timeout_ms} ms"
+
+      true ->
+        Process.sleep(5)
+        eventually(fun, timeout_ms, started)
+    end
   end
 end

@@ -41,24 +41,6 @@ defmodule BB.Test.Native do
   @doc "Kills a process as the kernel's out-of-memory killer would."
   def kill_9(os_pid), do: {_, 0} = System.cmd("kill", ["-9", to_string(os_pid)])
 
-  @doc "Looks again and again until `fun` gives something true, which it returns; fails after `timeout_ms`."
-  def eventually(fun, timeout_ms \\ 10_000),
-    do: eventually(fun, timeout_ms, System.monotonic_time(:millisecond))
-
-  defp eventually(fun, timeout_ms, started) do
-    cond do
-      result = fun.() ->
-        result
-
-      System.monotonic_time(:millisecond) - started > timeout_ms ->
-        raise ExUnit.AssertionError, "not within #{timeout_ms} ms"
-
-      true ->
-        Process.sleep(5)
-        eventually(fun, timeout_ms, started)
-    end
-  end
-
   @doc "The folder of real recordings, or nil where it is not beside the project."
   def shared_data(name) do
     path = Path.expand("../../../shared/data/#{name}", __DIR__)

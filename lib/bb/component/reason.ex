@@ -37,7 +37,8 @@ defmodule BB.Component.Reason do
     do: "it has published nothing for #{silence_ms} ms"
 
   def words(reason, module) do
-    if function_exported?(module, :explain, 1), do: module.explain(reason), else: inspect(reason)
+    explains? = Code.ensure_loaded?(module) and function_exported?(module, :explain, 1)
+    if explains?, do: module.explain(reason), else: inspect(reason)
   rescue
     FunctionClauseError -> inspect(reason)
   end

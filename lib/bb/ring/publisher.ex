@@ -76,18 +76,22 @@ defmodule BB.Ring.Publisher do
   The bytes of `iodata` are gathered straight into the slot. A message of more than 64 KiB is copied on a dirty scheduler.
   """
   @spec publish(t(), iodata()) :: :ok | {:error, :message_too_large | :closed}
-  def publish(%__MODULE__{handle: handle}, data)
+  def publish(%__MODULE__{handle: handle} = publisher, data)
       when is_binary(data) and byte_size(data) <= @normal_limit do
-    publish(&Native.publish_binary/2, handle, data)
+    case Native.publish_binary(handle, data) do
+      :ok -> :ok
+      :busy -> yield_and(fn -> publish(publisher, data) end)
+      reason -> {:error, reason}
+    end
   end
 
-  def publish(%__MODULE__{handle: handle}, data) do
+  def publish(%__MODULE__{handle: handle} = publisher, data) do
     iovec = :erlang.iolist_to_iovec(data)
 
-    if :erlang.iolist_size(iovec) <= @normal_limit do
-      publish(&Native.publish_iovec/2, handle, iovec)
-    else
-      publish(&Native.publish_large/2, handle, iovec)
+    case publish_iovec(handle, iovec, :erlang.iolist_size(iovec)) do
+      :ok -> :ok
+      :busy -> yield_and(fn -> publish(publisher, iovec) end)
+      reason -> {:error, reason}
     end
   end
 
@@ -119,15 +123,12 @@ defmodule BB.Ring.Publisher do
   defp slot_count_error(value),
     do: {:error, "expected a power of two from 1 to 65536, got: #{inspect(value)}"}
 
-  # Another process is in the middle of a publish on this ring: let it run.
-  defp publish(native, handle, data) do
-    case native.(handle, data) do
-      :ok -> :ok
-      :busy -> yield_and(fn -> publish(native, handle, data) end)
-      reason -> {:error, reason}
-    end
-  end
+  defp publish_iovec(handle, iovec, size) when size <= @normal_limit,
+    do: Native.publish_iovec(handle, iovec)
 
+  defp publish_iovec(handle, iovec, _size), do: Native.publish_large(handle, iovec)
+
+  # Another process is in the middle of a publish on this ring: let it run.
   defp yield_and(again) do
     :erlang.yield()
     again.()

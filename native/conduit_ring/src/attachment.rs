@@ -7,7 +7,7 @@ use crate::attach::{self, Attached};
 use crate::claim::{Claim, Claimant};
 use crate::error::{Error, Fault};
 use crate::header::{FIXED_LEN, Header, Origin};
-use crate::layout::{STATE, STATE_LIVE};
+use crate::layout::{ReaderLine, STATE, STATE_LIVE, WRITER_EPOCH, WRITER_PID};
 use crate::memory::Memory;
 use crate::reader::{Dialect, Meta, Policy, Reader, Sink, Start};
 use crate::segment::{self, Access, Name};
@@ -23,6 +23,27 @@ pub(crate) enum Life {
     Down,
     /// Nothing will ever be published there again, or the name leads elsewhere.
     Over,
+}
+
+/// How one takes part in a segment that one reads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Part {
+    /// In a reader slot of one's own.
+    Reader,
+    /// Without a trace: the mapping is read-only.
+    Observer,
+}
+
+/// Which publisher a segment has, or had last. Differs between any two.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Incarnation {
+    /// Random number of the segment; 0 if it has no extension.
+    pub instance_id: u64,
+    /// Takeovers of the segment before this publisher's start.
+    pub epoch: u32,
+    /// Its process; 0 if the segment has no extension.
+    pub pid: u32,
 }
 
 /// Where a reader begins in a segment.
@@ -46,14 +67,23 @@ pub(crate) struct Past {
 
 pub(crate) struct Attachment {
     attached: Attached,
-    claim: Claim,
+    /// `None` of an observer's.
+    claim: Option<Claim>,
     reader: Reader,
 }
 
 impl Attachment {
     /// Attaches to a topic; `None` when there is no segment that is alive, or not yet.
-    pub(crate) fn open(topic: &Topic, beginning: Beginning) -> Result<Option<Attachment>, Error> {
-        let attached = match attach::attach(topic, Access::Write) {
+    pub(crate) fn open(
+        topic: &Topic,
+        part: Part,
+        beginning: Beginning,
+    ) -> Result<Option<Attachment>, Error> {
+        let access = match part {
+            Part::Reader => Access::Write,
+            Part::Observer => Access::Read,
+        };
+        let attached = match attach::attach(topic, access) {
             Ok(Some(attached)) => attached,
             Ok(None)
             | Err(Error::BadSegment {
@@ -65,7 +95,10 @@ impl Attachment {
         if is_native(&attached) && !is_live(&attached) {
             return Ok(None);
         }
-        let claim = claim(topic, &attached)?;
+        let claim = match part {
+            Part::Reader => Some(claim(topic, &attached)?),
+            Part::Observer => None,
+        };
         let dialect = if is_native(&attached) {
             Dialect::Native
         } else {
@@ -94,8 +127,18 @@ impl Attachment {
         &self.attached.header
     }
 
-    pub(crate) fn claim(&self) -> Claim {
-        self.claim
+    /// The reader line that is held; `None` of an observer's.
+    pub(crate) fn line(&self) -> Option<ReaderLine> {
+        self.claim.map(|claim| claim.line)
+    }
+
+    pub(crate) fn incarnation(&self) -> Incarnation {
+        let memory = &self.attached.memory;
+        Incarnation {
+            instance_id: instance_id(&self.attached.header).unwrap_or(0),
+            epoch: memory.u32(WRITER_EPOCH).load(Relaxed),
+            pid: memory.u32(WRITER_PID).load(Relaxed),
+        }
     }
 
     pub(crate) fn reader(&self) -> &Reader {
@@ -115,12 +158,15 @@ impl Attachment {
         let lost_before = self.reader.lost_total();
         let memory = &self.attached.memory;
         let meta = self.reader.next(memory, policy, sink);
+        let Some(line) = self.line() else {
+            return meta;
+        };
         memory
-            .u64(self.claim.line.read_idx())
+            .u64(line.read_idx())
             .store(self.reader.cursor(), Relaxed);
         if self.reader.lost_total() != lost_before {
             memory
-                .u64(self.claim.line.lost_count())
+                .u64(line.lost_count())
                 .store(self.reader.lost_total(), Relaxed);
         }
         meta
@@ -151,17 +197,19 @@ impl Attachment {
 
     /// Claims a line again if the claim was wiped: a legacy publisher that starts anew clears the header.
     pub(crate) fn renew_claim(&mut self, topic: &Topic) -> Result<(), Error> {
-        if self.claim.stands(&self.attached.memory) {
+        let stands = |claim: Claim| claim.stands(&self.attached.memory);
+        if self.claim.is_none_or(stands) {
             return Ok(());
         }
         self.release().map_err(Error::os("unlock", topic.path()))?;
-        self.claim = claim(topic, &self.attached)?;
+        self.claim = Some(claim(topic, &self.attached)?);
         Ok(())
     }
 
     fn release(&self) -> io::Result<()> {
-        self.claim
-            .release(&self.attached.memory, &self.attached.segment)
+        self.claim.map_or(Ok(()), |claim| {
+            claim.release(&self.attached.memory, &self.attached.segment)
+        })
     }
 }
 

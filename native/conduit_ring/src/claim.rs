@@ -134,7 +134,7 @@ fn is_set(memory: &Memory, line: ReaderLine) -> bool {
 }
 
 /// Whether a set bit was set by a native reader, be it in the midst of claiming or giving up.
-fn is_native_claim(memory: &Memory, line: ReaderLine) -> bool {
+pub(crate) fn is_native_claim(memory: &Memory, line: ReaderLine) -> bool {
     let native = memory.u32(NATIVE_MASK).load(Relaxed) & line.bit() != 0;
     let giving_up = memory.u64(line.claim_id()).load(Relaxed) != 0
         && memory.u64(line.read_idx()).load(Relaxed) == GIVEN_UP;

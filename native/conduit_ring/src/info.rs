@@ -1,13 +1,14 @@
 //! A look at a topic from outside.
 
 use crate::attach::{self, Attached};
+use crate::claim;
 use crate::content::ContentTag;
 use crate::error::Error;
 use crate::geometry::Geometry;
 use crate::header::Origin;
 use crate::layout::{
-    DROPPED_PINNED, LAST_PUBLISH, NATIVE_MASK, REALTIME_OFFSET, REJECTED_OVERSIZE, ReaderLine,
-    STATE, STATE_CLOSED, STATE_LIVE, STATE_RETIRED, SUBSCRIBER_MASK, WAITING_MASK, WAKE_COUNT,
+    DROPPED_PINNED, LAST_PUBLISH, REALTIME_OFFSET, REJECTED_OVERSIZE, ReaderLine, STATE,
+    STATE_CLOSED, STATE_LIVE, STATE_RETIRED, SUBSCRIBER_MASK, WAITING_MASK, WAKE_COUNT,
     WRITER_EPOCH, WRITER_PID,
 };
 use crate::memory::Memory;
@@ -146,7 +147,7 @@ fn state(attached: &Attached, alive: bool) -> State {
 fn reader_of(attached: &Attached, line: ReaderLine) -> Option<Reader> {
     let memory: &Memory = &attached.memory;
     let has = |mask| memory.u32(mask).load(Relaxed) & line.bit() != 0;
-    let native = has(NATIVE_MASK);
+    let native = claim::is_native_claim(memory, line);
     has(SUBSCRIBER_MASK).then(|| Reader {
         index: line.index(),
         native,

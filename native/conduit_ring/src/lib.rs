@@ -111,7 +111,13 @@ mod header;
 #[cfg(not(loom))]
 mod info;
 #[cfg(not(loom))]
+mod listing;
+#[cfg(not(loom))]
+mod observer;
+#[cfg(not(loom))]
 mod publisher;
+#[cfg(not(loom))]
+pub mod repair;
 #[cfg(not(loom))]
 mod segment;
 #[cfg(not(loom))]
@@ -127,7 +133,10 @@ pub use topic::Topic;
 
 #[cfg(not(loom))]
 pub use {
+    attachment::Incarnation,
     info::{Info, Reader, State},
+    listing::Listing,
+    observer::{Observer, ObserverOptions},
     publisher::{Publisher, PublisherOptions},
     subscriber::{Read, Received, Stats, Subscriber, SubscriberOptions, Wait},
     waker::Waker,

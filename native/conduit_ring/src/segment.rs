@@ -1,6 +1,6 @@
 //! Everything that the operating system does for a ring: files, locks, mappings, futexes, clocks. No other file calls it.
 
-use std::ffi::CString;
+use std::ffi::{CString, OsString};
 use std::fs::{File, OpenOptions, Permissions};
 use std::io;
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd, RawFd};
@@ -15,6 +15,13 @@ use std::time::Duration;
 #[derive(Debug)]
 pub(crate) struct Segment {
     file: File,
+}
+
+/// The names in a directory.
+pub(crate) fn names_in(directory: &Path) -> io::Result<Vec<OsString>> {
+    std::fs::read_dir(directory)?
+        .map(|entry| Ok(entry?.file_name()))
+        .collect()
 }
 
 /// What a path leads to, seen from an open file.
@@ -105,6 +112,11 @@ impl Segment {
             Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => Ok(None),
             Err(e) => Err(e),
         }
+    }
+
+    /// Fills `bytes` from the file at `offset`.
+    pub(crate) fn read_at(&self, bytes: &mut [u8], offset: u64) -> io::Result<()> {
+        self.file.read_exact_at(bytes, offset)
     }
 
     pub(crate) fn write_head(&self, bytes: &[u8]) -> io::Result<()> {
@@ -415,5 +427,32 @@ fn check(result: i32) -> io::Result<i32> {
         Err(io::Error::last_os_error())
     } else {
         Ok(result)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+    use std::thread;
+
+    #[test]
+    fn asking_whether_a_file_is_unused_survives_that_it_is_opened_just_then() {
+        let path = std::env::temp_dir().join(format!("conduit_lease_{}", std::process::id()));
+        let segment = Segment {
+            file: File::create(&path).unwrap(),
+        };
+        let refused = AtomicBool::new(false);
+        thread::scope(|scope| {
+            scope.spawn(|| {
+                while Segment::open(&path, Access::Write).is_ok() {}
+                refused.store(true, Relaxed);
+            });
+            while !refused.load(Relaxed) {
+                segment.is_unused();
+            }
+        });
+        std::fs::remove_file(&path).unwrap();
+        assert!(segment.is_unused());
     }
 }

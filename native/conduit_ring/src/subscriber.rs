@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use crate::attachment::{Attachment, Beginning, Life, Past};
+use crate::attachment::{Attachment, Beginning, Incarnation, Life, Part, Past};
 use crate::content::ContentTag;
 use crate::error::Error;
 use crate::geometry::Geometry;
@@ -80,6 +80,7 @@ pub struct Stats {
 /// It outlives publishers: when one dies it says so, and goes on with the next one by itself.
 pub struct Subscriber {
     topic: Topic,
+    part: Part,
     policy: Policy,
     tie: Tie,
     waker: Waker,
@@ -114,9 +115,18 @@ impl Subscriber {
     /// # Errors
     /// [`Error::NoReaderSlot`] for a 17th subscriber; [`Error::BadSegment`]; [`Error::Os`].
     pub fn open(topic: &Topic, options: &SubscriberOptions) -> Result<Subscriber, Error> {
+        Subscriber::open_as(Part::Reader, topic, options)
+    }
+
+    pub(crate) fn open_as(
+        part: Part,
+        topic: &Topic,
+        options: &SubscriberOptions,
+    ) -> Result<Subscriber, Error> {
         let waker = Waker::new().map_err(Error::os("eventfd", topic.path()))?;
         let mut subscriber = Subscriber {
             topic: topic.clone(),
+            part,
             policy: options.policy,
             tie: Tie::Awaiting {
                 watch: None,
@@ -128,7 +138,7 @@ impl Subscriber {
             next_look: Instant::now(),
             past: Stats::default(),
         };
-        match Attachment::open(topic, Beginning::At(options.start))? {
+        match Attachment::open(topic, part, Beginning::At(options.start))? {
             Some(attachment) => subscriber.hold(attachment)?,
             None => subscriber.await_topic(Past::default()),
         }
@@ -278,6 +288,11 @@ impl Subscriber {
         }
     }
 
+    /// Which publisher the segment has, or had last, once there is one.
+    pub fn incarnation(&self) -> Option<Incarnation> {
+        self.attachment().map(Attachment::incarnation)
+    }
+
     fn attachment(&self) -> Option<&Attachment> {
         match &self.tie {
             Tie::Attached(attachment) => Some(attachment),
@@ -319,7 +334,7 @@ impl Subscriber {
         match &self.tie {
             _ if self.pending.is_some() => Ok(()),
             Tie::Awaiting { past, .. } => {
-                match Attachment::open(&self.topic, Beginning::After(*past))? {
+                match Attachment::open(&self.topic, self.part, Beginning::After(*past))? {
                     Some(attachment) => self.hold(attachment),
                     None => Ok(()),
                 }
@@ -373,7 +388,10 @@ impl Subscriber {
     }
 
     fn hold(&mut self, attachment: Attachment) -> Result<(), Error> {
-        self.waker.attach(Some(attachment.memory().clone()));
+        // A waker writes to what its subscriber sleeps on.
+        let writable = self.part == Part::Reader;
+        self.waker
+            .attach(writable.then(|| attachment.memory().clone()));
         self.tie = Tie::Attached(attachment);
         self.look_at_publisher()
     }
@@ -400,7 +418,10 @@ impl Subscriber {
             Tie::Attached(attachment) => {
                 let news =
                     || self.waker.is_woken() || attachment.has_news() || !attachment.says_live();
-                wait::sleep(attachment.memory(), attachment.claim().line, timeout, news);
+                match attachment.line() {
+                    Some(line) => wait::sleep(attachment.memory(), line, timeout, news),
+                    None => wait::sleep_unseen(attachment.memory(), timeout, news),
+                }
             }
             Tie::Awaiting { watch, .. } => {
                 let blind = watch.is_none() || self.topic.path().exists();

@@ -6,7 +6,8 @@ use crate::error::Error;
 
 /// Where segments live.
 pub(crate) const DIRECTORY: &str = "/dev/shm";
-const PREFIX: &str = "conduit_";
+/// What the name of a segment begins with.
+pub(crate) const PREFIX: &str = "conduit_";
 const MAX_LEN: usize = 200;
 
 /// A checked topic name: `[A-Za-z0-9_.-]{1,200}`, so that it can name nothing but a segment.

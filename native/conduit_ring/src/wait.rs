@@ -31,3 +31,13 @@ pub(crate) fn sleep(
         .u32(WAITING_MASK)
         .fetch_and(!line.bit(), Ordering::Relaxed);
 }
+
+/// Sleeps through a mapping that cannot be written, unless there is news already. No waiting bit says so: a writer that
+/// sees no other sleeper calls nobody, so the time-out is what bounds this sleep.
+pub(crate) fn sleep_unseen(memory: &Memory, timeout: Duration, news: impl FnOnce() -> bool) {
+    // Acquire: meets the Release in writer::notify, so that what came before a bump seen here is seen by `news`.
+    let seen = memory.u32(FUTEX_WORD).load(Ordering::Acquire);
+    if !news() {
+        memory.futex_wait(seen, timeout.min(LONGEST_SLEEP));
+    }
+}

@@ -21,6 +21,15 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::str::FromStr;
 
+/// One of the arguments of a call.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Argument {
+    /// An option that is known.
+    Option(&'static str),
+    /// What begins with no dash, or stands behind `--`.
+    Plain(OsString),
+}
+
 /// The arguments of a call, read one after the other.
 #[derive(Debug)]
 pub struct Arguments {
@@ -49,23 +58,36 @@ impl Arguments {
         reason = "its errors end the reading, so it is no iterator"
     )]
     pub fn next(&mut self) -> Result<Option<&'static str>, Failure> {
+        match self.next_argument()? {
+            None => Ok(None),
+            Some(Argument::Option(option)) => Ok(Some(option)),
+            Some(Argument::Plain(value)) => Err(self.unknown(&value.to_string_lossy())),
+        }
+    }
+
+    /// The next argument of a program that takes others than options too; `None` after the last.
+    pub fn next_argument(&mut self) -> Result<Option<Argument>, Failure> {
         let typed = match self.parser.next() {
             Ok(None) => return Ok(None),
             Ok(Some(lexopt::Arg::Long(name))) => format!("--{name}"),
             Ok(Some(lexopt::Arg::Short(letter))) => format!("-{letter}"),
-            Ok(Some(lexopt::Arg::Value(value))) => value.to_string_lossy().into_owned(),
+            Ok(Some(lexopt::Arg::Value(value))) => return Ok(Some(Argument::Plain(value))),
             Err(_) => return Err(self.refuse("a value", "no value")),
         };
         match self.known.iter().find(|&&known| known == typed) {
             Some(&known) => {
                 self.current = known;
-                Ok(Some(known))
+                Ok(Some(Argument::Option(known)))
             }
-            None => Err(Failure::Usage(format!(
-                "there is no option {typed:?}; accepted: {}",
-                self.known.join(" ")
-            ))),
+            None => Err(self.unknown(&typed)),
         }
+    }
+
+    fn unknown(&self, typed: &str) -> Failure {
+        Failure::Usage(format!(
+            "there is no option {typed:?}; accepted: {}",
+            self.known.join(" ")
+        ))
     }
 
     /// The value of the current option, read from its text, if it passes `check`. `accepted` says what would.

@@ -1,7 +1,7 @@
 //! How options are taken and refused.
 
 use program::Failure;
-use program::arguments::{Arguments, required};
+use program::arguments::{Argument, Arguments, required};
 
 const KNOWN: &[&str] = &["--rate", "--verbose"];
 
@@ -64,4 +64,17 @@ fn a_value_where_none_belongs_is_refused() {
 fn a_required_option_that_is_missing_is_named() {
     let text = usage(required::<u8>(None, "--rate", "1 to 9"));
     assert_eq!(text, "--rate is missing; accepted: 1 to 9");
+}
+
+#[test]
+fn other_arguments_than_options_are_given_to_who_asks_for_them() {
+    let mut arguments = Arguments::new(["imu", "--verbose", "--", "--rate"], KNOWN);
+    let plain = |text: &str| Ok(Some(Argument::Plain(text.into())));
+    assert_eq!(arguments.next_argument(), plain("imu"));
+    assert_eq!(
+        arguments.next_argument(),
+        Ok(Some(Argument::Option("--verbose")))
+    );
+    assert_eq!(arguments.next_argument(), plain("--rate"));
+    assert_eq!(arguments.next_argument(), Ok(None));
 }

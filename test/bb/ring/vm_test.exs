@@ -6,7 +6,8 @@ defmodule BB.Ring.VmTest do
 
   use ExUnit.Case, async: false
 
-  import BB.Test.Native, only: [eventually: 1, topic: 0]
+  import BB.Test.Eventually
+  import BB.Test.Native, only: [topic: 0]
 
   alias BB.Ring
   alias BB.Ring.{Message, Publisher, Subscriber}
@@ -267,9 +268,9 @@ defmodule BB.Ring.VmTest do
   end
 
   describe "schedulers" do
-    # A copy of two megabytes takes well under a millisecond; what waited for another process would take hundreds. The bound leaves room for
+    # A copy of two megabytes takes well under a millisecond; what waited for another process would sleep for half a second. The bound leaves room for
     # a loaded machine, on which the kernel takes the scheduler's thread away.
-    @long_ms 50
+    @long_ms 200
 
     test "are held by nobody for #{@long_ms} ms while frames of two megabytes are published and received" do
       topic = topic()
@@ -297,7 +298,7 @@ defmodule BB.Ring.VmTest do
       for reader <- readers do
         send(reader, :how_many)
         assert_receive {^reader, frames}, 10_000
-        assert frames > 10
+        assert frames > 0
       end
 
       held =

@@ -1,6 +1,7 @@
 defmodule BB.Sensor.NativeProcessTest do
   use ExUnit.Case, async: true
 
+  import BB.Test.Eventually
   import BB.Test.Native
   import BB.Test.Robot
   import ExUnit.CaptureLog

@@ -1,0 +1,175 @@
+//! What a person's tool may set right in the files that kills have left. Nothing here is needed for the ring to work:
+//! publishers and subscribers repair what is in their way.
+
+use crate::attach;
+use crate::claim;
+use crate::error::{Error, Fault};
+use crate::header::{FIXED_LEN, Header};
+use crate::info::Info;
+use crate::layout::{EXT_MAGIC, HEADER_LEN, MAGIC, PUBLISHER_LOCK, ReaderLine, SUBSCRIBER_MASK};
+use crate::memory::Memory;
+use crate::segment::{Access, Name, Segment};
+use crate::sync::Ordering::Release;
+use crate::topic::Topic;
+
+/// What became of a repair.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Repair {
+    /// It was made.
+    Made,
+    /// There is nothing to repair any more.
+    NotNeeded,
+    /// A publisher lives: nothing was touched.
+    PublisherAlive,
+    /// A process has the file open or mapped, or it cannot be known: nothing was touched.
+    InUse,
+    /// The file is none of ours, as far as can be told: nothing was touched.
+    NotARing,
+}
+
+/// Takes back the reader slots of those who died and tells how many these were. Live topics are no exception: a slot is
+/// taken back under its lock, as each new subscriber does.
+///
+/// # Errors
+/// [`Error::NoTopic`], [`Error::BadSegment`], [`Error::Os`].
+pub fn reclaim_readers(topic: &Topic) -> Result<usize, Error> {
+    let leaked = |info: Info| info.readers.iter().filter(|reader| !reader.alive).count();
+    let before = leaked(Info::read(topic)?);
+    let Some(attached) = attach::attach(topic, Access::Write)? else {
+        return Ok(0);
+    };
+    claim::reclaim_leaked(&attached.memory, &attached.segment)
+        .map_err(Error::os("lock", topic.path()))?;
+    Ok(before.saturating_sub(leaked(Info::read(topic)?)))
+}
+
+/// Removes the file of a topic whose publisher is dead and that no process has open. A damaged one goes too if it shows
+/// that it was a ring once, or never became anything: a header of zeros.
+///
+/// # Errors
+/// [`Error::Os`]; [`Error::BadSegment`] for what is no regular file.
+pub fn remove_abandoned(topic: &Topic) -> Result<Repair, Error> {
+    with_abandoned(topic, |segment| {
+        if !was_ours(topic, segment)? {
+            return Ok(Repair::NotARing);
+        }
+        segment
+            .unlink(topic.path())
+            .map_err(Error::os("unlink", topic.path()))?;
+        Ok(Repair::Made)
+    })
+}
+
+/// Clears the bits of legacy readers in a topic whose publisher is dead and that no process has open: only then is it
+/// certain that they are dead, since they hold no lock.
+///
+/// # Errors
+/// [`Error::BadSegment`], [`Error::Os`].
+pub fn clear_legacy_readers(topic: &Topic) -> Result<Repair, Error> {
+    with_abandoned(topic, |segment| {
+        let header = attach::read_header(topic, segment)?;
+        let header = header.map_err(|fault| attach::bad(topic, fault))?;
+        let mapping = segment
+            .map(header.geometry.segment_len(), Access::Write, false)
+            .map_err(Error::os("map", topic.path()))?;
+        let memory = Memory::new(mapping, header.geometry)
+            .ok_or_else(|| attach::bad(topic, Fault::Truncated))?;
+        let legacy = ReaderLine::all()
+            .filter(|&line| !claim::is_native_claim(&memory, line))
+            .fold(0, |bits, line| bits | line.bit());
+        // Release: as in claim::clear.
+        let before = memory.u32(SUBSCRIBER_MASK).fetch_and(!legacy, Release);
+        Ok(match before & legacy {
+            0 => Repair::NotNeeded,
+            _ => Repair::Made,
+        })
+    })
+}
+
+/// Does something to a file that nobody has any more, and that no publisher can take while it is done.
+fn with_abandoned(
+    topic: &Topic,
+    repair: impl FnOnce(&Segment) -> Result<Repair, Error>,
+) -> Result<Repair, Error> {
+    let Some(segment) = attach::open_file(topic, Access::Write)? else {
+        return Ok(Repair::NotNeeded);
+    };
+    let os = |action| Error::os(action, topic.path());
+    if segment.is_locked(PUBLISHER_LOCK).map_err(os("lock"))? {
+        return Ok(Repair::PublisherAlive);
+    }
+    // Asked before the lock is taken as well, which those who have the file open would take for a publisher.
+    if !segment.is_unused() {
+        return Ok(Repair::InUse);
+    }
+    if !segment.try_lock(PUBLISHER_LOCK).map_err(os("lock"))? {
+        return Ok(Repair::PublisherAlive);
+    }
+    if segment.name(topic.path()).map_err(os("stat"))? != Name::Same {
+        return Ok(Repair::NotNeeded);
+    }
+    if !segment.is_unused() {
+        return Ok(Repair::InUse);
+    }
+    repair(&segment)
+}
+
+/// Whether a file is a ring, or a damaged one, or one that was never filled.
+fn was_ours(topic: &Topic, segment: &Segment) -> Result<bool, Error> {
+    let len = segment.len().map_err(Error::os("stat", topic.path()))?;
+    let wanted = len.min(HEADER_LEN as u64) as usize;
+    let mut head = [0; HEADER_LEN];
+    segment
+        .read_at(&mut head[..wanted], 0)
+        .map_err(Error::os("read", topic.path()))?;
+    Ok(is_ours(&head, len))
+}
+
+fn is_ours(head: &[u8; HEADER_LEN], len: u64) -> bool {
+    let (fixed, _) = head.split_first_chunk::<FIXED_LEN>().expect("a header");
+    let magic = &fixed[MAGIC.offset()..MAGIC.offset() + 4];
+    match Header::decode(fixed, len) {
+        Ok(_) | Err(Fault::Truncated) => true,
+        // Whose a later version's file is, a later version knows.
+        Err(Fault::Version) => false,
+        Err(_) => magic == EXT_MAGIC.to_le_bytes() || head.iter().all(|&byte| byte == 0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::content::ContentTag;
+    use crate::geometry::Geometry;
+
+    fn head() -> [u8; HEADER_LEN] {
+        let fixed = Header::encode(Geometry::default(), ContentTag::RAW, 7);
+        let mut head = [0; HEADER_LEN];
+        head[..FIXED_LEN].copy_from_slice(&fixed);
+        head[MAGIC.offset()..MAGIC.offset() + 4].copy_from_slice(&EXT_MAGIC.to_le_bytes());
+        head
+    }
+
+    #[test]
+    fn rings_damaged_ones_and_empty_files_are_ours() {
+        let len = Geometry::default().segment_len();
+        assert!(is_ours(&head(), len));
+        assert!(is_ours(&head(), len - 1));
+        assert!(is_ours(&[0; HEADER_LEN], 0));
+        let mut broken = head();
+        broken[0] = 3;
+        assert!(is_ours(&broken, len));
+    }
+
+    #[test]
+    fn files_of_others_and_of_later_versions_are_not() {
+        let mut text = [0; HEADER_LEN];
+        text[..16].copy_from_slice(b"buy milk, bread\n");
+        assert!(!is_ours(&text, 16));
+        assert!(!is_ours(&text, 100_000));
+        let mut later = head();
+        later[20] = 9;
+        assert!(!is_ours(&later, Geometry::default().segment_len()));
+    }
+}

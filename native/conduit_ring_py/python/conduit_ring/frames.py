@@ -1,0 +1,218 @@
+"""Camera frames: a header of 44 bytes, then the pixels, uncompressed. Encoding :data:`ENCODING`.
+
+>>> import numpy
+>>> pixels = numpy.zeros((480, 640), numpy.uint8)
+>>> message = FrameHeader.of(pixels, timestamp_ns=1, frame_id=7).encode() + pixels.tobytes()
+>>> frame = decode(message)
+>>> frame.header.frame_id, frame.pixels.shape
+(7, (480, 640))
+
+With a camera's topic:
+
+>>> for message in subscriber:                                        # doctest: +SKIP
+...     frame = decode(message)
+...     print(frame.header.frame_id, frame.pixels.mean())
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Union
+
+if TYPE_CHECKING:
+    import numpy
+    from numpy.typing import NDArray
+
+    from . import Lease, Message
+
+    Source = Union[bytes, bytearray, memoryview, Message, Lease, NDArray[numpy.uint8]]
+
+__all__ = ["ENCODING", "Frame", "FrameError", "FrameHeader", "decode"]
+
+ENCODING = "conduit/frame"
+"""The encoding's name, for ``Publisher(content=...)``."""
+
+CLOCK_MONOTONIC_RAW = 4
+"""Linux's number of the clock of :func:`conduit_ring.now_ns`."""
+
+_LAYOUT = struct.Struct("<HBBIIIIIQBBBBII")
+_MAGIC = 0x4D43
+_VERSION = 1
+
+# Of each pixel format with one plane: the type of its numbers, and how many make a pixel. YUYV and UYVY have a brightness
+# and one of two colour differences by turns.
+_FORMATS = {
+    "GREY": ("u1", 1),
+    "Y16 ": ("<u2", 1),
+    "RGB3": ("u1", 3),
+    "BGR3": ("u1", 3),
+    "YUYV": ("u1", 2),
+    "UYVY": ("u1", 2),
+}
+
+
+class FrameError(ValueError):
+    """A message is not a frame, or has fewer pixels than it says, or pixels of a format that is not known here."""
+
+
+@dataclass(frozen=True)
+class FrameHeader:
+    """Everything that is known of a frame but its pixels."""
+
+    SIZE = _LAYOUT.size
+
+    width: int
+    """Pixels in a row."""
+    height: int
+    """Rows."""
+    fourcc: str
+    """V4L2's code of the pixel format, such as ``"GREY"``."""
+    stride: int
+    """Bytes from the start of a row to the start of the next."""
+    data_size: int
+    """Bytes of pixels behind the header."""
+    timestamp_ns: int
+    """When the exposure started, on the clock ``clock_id``."""
+    frame_id: int
+    """The camera's own count of its frames."""
+    flags: int = 0
+    """Reserved."""
+    clock_id: int = CLOCK_MONOTONIC_RAW
+    """Linux's number of the clock."""
+    plane_count: int = 1
+    """Planes in the pixels."""
+    rotation: int = 0
+    """How the camera is mounted; 0 is upright."""
+    colourspace: int = 0
+    """V4L2's ``enum v4l2_colorspace``; 0 is not stated."""
+    exposure_us: int = 0
+    """Exposure time in µs; 0 is not known."""
+
+    @classmethod
+    def of(cls, pixels: NDArray[Any], timestamp_ns: int, frame_id: int, fourcc: str = "GREY") -> FrameHeader:
+        """The header of pixels whose rows follow each other without a gap.
+
+        Publish both without joining them: ``publisher.publish(header.encode(), pixels)``.
+        """
+        kind, depth = _format(fourcc)
+        shape = pixels.shape[:2] if depth == 1 else pixels.shape[:2] + (depth,)
+        if pixels.ndim < 2 or pixels.shape != shape or pixels.dtype != kind:
+            raise FrameError(
+                f"pixels have shape {pixels.shape} and type {pixels.dtype}; {fourcc} has (height, width"
+                f"{f', {depth}' if depth > 1 else ''}) and {kind}"
+            )
+        height, width = pixels.shape[:2]
+        stride = width * depth * pixels.itemsize
+        return cls(width, height, fourcc, stride, stride * height, timestamp_ns, frame_id)
+
+    @classmethod
+    def parse(cls, data: Union[bytes, bytearray, memoryview]) -> FrameHeader:
+        """Reads a header from the start of a message. Looks only at the header."""
+        if len(data) < cls.SIZE:
+            raise FrameError(f"{len(data)} bytes are too few for a frame's header")
+        fields = _LAYOUT.unpack_from(data)
+        magic, version, flags, width, height, fourcc, stride, data_size, timestamp_ns = fields[:9]
+        clock_id, plane_count, rotation, colourspace, frame_id, exposure_us = fields[9:]
+        if magic != _MAGIC:
+            raise FrameError("the message does not start as a frame")
+        if version != _VERSION:
+            raise FrameError(f"the frame's header has version {version}, not {_VERSION}")
+        return cls(
+            width=width,
+            height=height,
+            fourcc=fourcc.to_bytes(4, "little").decode("latin-1"),
+            stride=stride,
+            data_size=data_size,
+            timestamp_ns=timestamp_ns,
+            frame_id=frame_id,
+            flags=flags,
+            clock_id=clock_id,
+            plane_count=plane_count,
+            rotation=rotation,
+            colourspace=colourspace,
+            exposure_us=exposure_us,
+        )
+
+    def encode(self) -> bytes:
+        """The header's 44 bytes."""
+        fourcc = int.from_bytes(self.fourcc.encode("latin-1"), "little")
+        return _LAYOUT.pack(
+            _MAGIC,
+            _VERSION,
+            self.flags,
+            self.width,
+            self.height,
+            fourcc,
+            self.stride,
+            self.data_size,
+            self.timestamp_ns,
+            self.clock_id,
+            self.plane_count,
+            self.rotation,
+            self.colourspace,
+            self.frame_id,
+            self.exposure_us,
+        )
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame inside a message: its header, checked against the bytes that are there, and its pixels."""
+
+    header: FrameHeader
+    data: memoryview
+    """``data_size`` bytes of pixels, as they lie in the message."""
+
+    @property
+    def pixels(self) -> NDArray[Any]:
+        """The pixels as a numpy array, not copied: (height, width), and a third axis where a pixel has several numbers.
+
+        Raises :class:`FrameError` for a format that is not known here, whose bytes are in :attr:`data`.
+        """
+        import numpy
+
+        header = self.header
+        kind, depth = _format(header.fourcc)
+        dtype = numpy.dtype(kind)
+        row = header.width * depth * dtype.itemsize
+        _check_rows(header, row)
+        shape, strides = (header.height, header.width), (header.stride, depth * dtype.itemsize)
+        if depth > 1:
+            shape, strides = shape + (depth,), strides + (dtype.itemsize,)
+        # An array of the bytes holds on to their memory, which a bare memoryview would not.
+        flat = numpy.frombuffer(self.data, numpy.uint8)
+        return numpy.ndarray(shape, dtype, buffer=flat, strides=strides)
+
+
+def decode(message: Source) -> Frame:
+    """Reads a frame from a message, a lease or any bytes. Copies nothing: the frame looks at the message's memory.
+
+    Raises :class:`FrameError` if it is not one. What lies behind the pixels is ignored.
+    """
+    data = memoryview(getattr(message, "data", message)).cast("B")
+    header = FrameHeader.parse(data)
+    rest = data[FrameHeader.SIZE :]
+    if header.width == 0 or header.height == 0:
+        raise FrameError("the frame has no pixels")
+    if header.plane_count == 0:
+        raise FrameError("the frame says it has 0 planes")
+    if header.data_size > len(rest):
+        raise FrameError(f"the frame needs {header.data_size} bytes of pixels and has {len(rest)}")
+    return Frame(header, rest[: header.data_size])
+
+
+def _format(fourcc: str) -> tuple[str, int]:
+    if fourcc not in _FORMATS:
+        raise FrameError(f"the pixel format is {fourcc!r}; known here are {', '.join(map(repr, _FORMATS))}")
+    return _FORMATS[fourcc]
+
+
+def _check_rows(header: FrameHeader, row: int) -> None:
+    if header.plane_count != 1:
+        raise FrameError(f"the frame says it has {header.plane_count} planes")
+    if header.stride < row:
+        raise FrameError(f"the frame's rows of {row} bytes lie {header.stride} apart")
+    needed = header.stride * (header.height - 1) + row
+    if needed > header.data_size:
+        raise FrameError(f"the frame needs {needed} bytes of pixels and has {header.data_size}")

@@ -1,0 +1,50 @@
+//! The ring's errors as Python's exceptions.
+
+use conduit_ring::{Error, PublishError};
+use pyo3::exceptions::{PyOSError, PyValueError};
+use pyo3::import_exception;
+use pyo3::prelude::*;
+
+import_exception!(conduit_ring._types, RingError);
+import_exception!(conduit_ring._types, PublisherAliveError);
+import_exception!(conduit_ring._types, NoReaderSlotError);
+import_exception!(conduit_ring._types, NoTopicError);
+import_exception!(conduit_ring._types, BadSegmentError);
+import_exception!(conduit_ring._types, LeaseLimitError);
+import_exception!(conduit_ring._types, ClosedError);
+import_exception!(conduit_ring._types, MessageTooLargeError);
+
+/// The caller's mistakes become a `ValueError`, the operating system's answers an `OSError`, the rest a `RingError`.
+pub(crate) fn of_ring(error: Error) -> PyErr {
+    let text = error.to_string();
+    match error {
+        Error::InvalidTopic { .. } | Error::InvalidGeometry { .. } => PyValueError::new_err(text),
+        Error::PublisherAlive { pid, .. } => PublisherAliveError::new_err((text, pid)),
+        Error::NoReaderSlot { .. } => NoReaderSlotError::new_err(text),
+        Error::NoTopic { .. } => NoTopicError::new_err(text),
+        Error::BadSegment { .. } | Error::LegacyInUse { .. } => BadSegmentError::new_err(text),
+        Error::Os {
+            action,
+            path,
+            source,
+        } => match source.raw_os_error() {
+            Some(errno) => {
+                let answer = format!("{action}: {source}");
+                PyOSError::new_err((errno, answer, path.display().to_string()))
+            }
+            None => PyOSError::new_err(text),
+        },
+        _ => RingError::new_err(text),
+    }
+}
+
+pub(crate) fn of_publish(error: PublishError) -> PyErr {
+    match error {
+        PublishError::TooLarge { .. } => MessageTooLargeError::new_err(error.to_string()),
+        _ => RingError::new_err(error.to_string()),
+    }
+}
+
+pub(crate) fn closed(what: &str) -> PyErr {
+    ClosedError::new_err(format!("the {what} is closed"))
+}

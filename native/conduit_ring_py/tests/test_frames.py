@@ -1,0 +1,182 @@
+import dataclasses
+import os
+from pathlib import Path
+
+import numpy
+import pytest
+
+from conduit_ring import Message, Publisher, Subscriber, frames, info, now_ns
+from conduit_ring.frames import FrameError, FrameHeader, decode
+from conftest import LIMIT
+
+VECTORS = Path(__file__).parents[2] / "ganglion_messages/tests/vectors"
+
+HEADER = FrameHeader(
+    width=640,
+    height=480,
+    fourcc="GREY",
+    stride=704,
+    data_size=337920,
+    timestamp_ns=123456789012345,
+    frame_id=4294967295,
+    flags=0,
+    clock_id=4,
+    plane_count=1,
+    rotation=2,
+    colourspace=3,
+    exposure_us=8333,
+)
+
+
+def vector(name):
+    lines = (VECTORS / name).read_text().splitlines()
+    return bytes.fromhex("".join(line.partition("#")[0] for line in lines))
+
+
+def grey(height, width, /, apart=None, extra=b"", **changes):
+    """A frame whose pixel (row, column) is row * 10 + column."""
+    apart = apart or width
+    rows = b"".join(bytes(row * 10 + column for column in range(width)).ljust(apart, b"\xee") for row in range(height))
+    header = FrameHeader(width, height, "GREY", apart, len(rows), timestamp_ns=1, frame_id=2)
+    return dataclasses.replace(header, **changes).encode() + rows + extra
+
+
+def test_the_header_is_that_of_the_test_vector():
+    data = vector("frame_header.hex")
+    assert FrameHeader.parse(data) == HEADER
+    assert HEADER.encode() == data
+    assert len(data) == FrameHeader.SIZE == 44
+
+
+def test_pixels_are_a_view_of_the_message():
+    message = grey(3, 4)
+    frame = decode(message)
+    assert frame.pixels.tolist() == [[0, 1, 2, 3], [10, 11, 12, 13], [20, 21, 22, 23]]
+    assert numpy.shares_memory(frame.pixels, numpy.frombuffer(message, numpy.uint8))
+
+
+def test_rows_may_lie_apart_and_bytes_may_follow():
+    frame = decode(grey(3, 4, apart=7, extra=b"behind"))
+    assert frame.pixels.tolist() == [[0, 1, 2, 3], [10, 11, 12, 13], [20, 21, 22, 23]]
+    assert frame.pixels.strides == (7, 1)
+    assert len(frame.data) == 21
+
+
+def test_the_last_row_may_end_with_its_pixels():
+    message = grey(2, 4, apart=7, data_size=11)
+    assert decode(message).pixels.shape == (2, 4)
+    with pytest.raises(FrameError, match="needs 11 bytes of pixels and has 10"):
+        _ = decode(grey(2, 4, apart=7, data_size=10)).pixels
+
+
+@pytest.mark.parametrize(
+    "fourcc, pixels",
+    [
+        ("GREY", numpy.arange(6, dtype="u1").reshape(2, 3)),
+        ("Y16 ", numpy.arange(6, dtype="<u2").reshape(2, 3) * 1000),
+        ("RGB3", numpy.arange(18, dtype="u1").reshape(2, 3, 3)),
+        ("BGR3", numpy.arange(18, dtype="u1").reshape(2, 3, 3)),
+        ("YUYV", numpy.arange(8, dtype="u1").reshape(2, 2, 2)),
+        ("UYVY", numpy.arange(8, dtype="u1").reshape(2, 2, 2)),
+    ],
+)
+def test_every_format_that_is_known_goes_through_a_topic(topic, fourcc, pixels):
+    header = FrameHeader.of(pixels, timestamp_ns=now_ns(), frame_id=9, fourcc=fourcc)
+    with Publisher(topic, content=frames.ENCODING) as publisher, Subscriber(topic) as subscriber:
+        publisher.publish(header.encode(), pixels)
+        frame = decode(subscriber.recv(timeout=0))
+    assert frame.header == header
+    assert frame.pixels.dtype == pixels.dtype
+    assert numpy.array_equal(frame.pixels, pixels)
+
+
+@pytest.mark.parametrize(
+    "fourcc, shape, dtype", [("GREY", (2, 3, 3), "u1"), ("GREY", (6,), "u1"), ("GREY", (2, 3), "u2"), ("RGB3", (2, 3), "u1")]
+)
+def test_a_header_is_refused_for_pixels_that_are_not_of_its_format(fourcc, shape, dtype):
+    with pytest.raises(FrameError, match=f"{fourcc} has"):
+        FrameHeader.of(numpy.zeros(shape, dtype), timestamp_ns=0, frame_id=0, fourcc=fourcc)
+
+
+@pytest.mark.parametrize(
+    "message, reason",
+    [
+        (b"CM", "2 bytes are too few"),
+        (b"XX" + grey(2, 2)[2:], "does not start as a frame"),
+        (b"CM\2" + grey(2, 2)[3:], "version 2, not 1"),
+        (grey(2, 2, width=0), "has no pixels"),
+        (grey(2, 2, height=0), "has no pixels"),
+        (grey(2, 2, plane_count=0), "has 0 planes"),
+        (grey(2, 2, data_size=5), "needs 5 bytes of pixels and has 4"),
+        (grey(2, 2, data_size=2**32 - 1), "needs 4294967295 bytes"),
+    ],
+)
+def test_what_is_no_frame_is_refused(message, reason):
+    with pytest.raises(FrameError, match=reason):
+        decode(message)
+
+
+@pytest.mark.parametrize(
+    "changes, reason",
+    [
+        ({"stride": 1}, "rows of 2 bytes lie 1 apart"),
+        ({"width": 3}, "rows of 3 bytes lie 2 apart"),
+        ({"height": 3}, "needs 6 bytes of pixels and has 4"),
+        ({"height": 2**32 - 1, "stride": 2**32 - 1}, "needs .* and has 4"),
+        ({"plane_count": 2}, "has 2 planes"),
+        ({"fourcc": "MJPG"}, "known here are 'GREY'"),
+    ],
+)
+def test_pixels_that_are_not_there_are_refused(changes, reason):
+    frame = decode(grey(2, 2, **changes))
+    with pytest.raises(FrameError, match=reason):
+        _ = frame.pixels
+    assert len(frame.data) == 4
+
+
+def test_pixels_outlive_message_frame_and_lease(topic):
+    with Publisher(topic) as publisher, Subscriber(topic) as subscriber:
+        publisher.publish(grey(3, 4))
+        publisher.publish(grey(3, 4))
+        first = decode(subscriber.recv(timeout=0)).pixels
+        with subscriber.lease() as lease:
+            second = decode(lease).pixels
+        for _ in range(50):
+            publisher.publish(bytes(56))
+            with subscriber.lease() as lease:
+                assert not lease.array().any()
+    assert first[2].tolist() == second[2].tolist() == [20, 21, 22, 23]
+
+
+def test_growing_the_bytes_under_pixels_is_refused():
+    message = bytearray(grey(3, 4))
+    pixels = decode(message).pixels
+    with pytest.raises(BufferError):
+        message.extend(bytes(100_000))
+    assert pixels[2, 3] == 23
+
+
+def test_the_cameras_frames_are_read(start, topic):
+    with Subscriber(topic) as subscriber:
+        camera = start(
+            os.environ["CONDUIT_RING_CAMERA"],
+            "--topic", topic, "--rate", 50, "--width", 320, "--height", 240, "--exit-with-stdin",
+        )  # fmt: skip
+        seen = []
+        while len(seen) < 5:
+            message = subscriber.recv(timeout=LIMIT)
+            assert isinstance(message, Message)
+            frame = decode(message)
+            assert frame.header.timestamp_ns <= message.timestamp_ns <= now_ns()
+            assert frame.pixels.shape == (240, 320)
+            # The scene has bright paper and dark tags.
+            assert frame.pixels.max() - frame.pixels.min() > 100
+            seen.append(frame.header.frame_id)
+        with subscriber.lease(timeout=LIMIT) as lease:
+            frame = decode(lease)
+            assert frame.pixels.shape == (240, 320)
+            seen.append(frame.header.frame_id)
+        assert seen == sorted(set(seen))
+        assert info(topic).encoding == frames.ENCODING
+        status, _ = camera.end()
+        assert status == 0

@@ -1,0 +1,166 @@
+//! `ganglion info`: all that is known of one topic.
+
+use super::Verb;
+use crate::options::Options;
+use crate::output::{Output, Record, or_dash};
+use crate::{content, process, state, units, world};
+use conduit_ring::{Info, Reader, State, clock};
+use program::{Failure, Log};
+use serde_json::{Value, json};
+use std::fmt;
+
+pub const VERB: Verb = Verb {
+    name: "info",
+    summary: "all that is known of one topic",
+    help: HELP,
+    takes_topic: true,
+    options: &["--json", "--help"],
+    run,
+};
+
+const HELP: &str = "\
+ganglion info: tells all that is known of a topic
+
+Usage: ganglion info TOPIC [options]
+
+  --json   one JSON object
+  --help   this text
+
+State is live, dead (the publisher died; the next one goes on in place), closed, retired (replaced by one of another
+geometry) or legacy (made by a publisher that does not say whether it lives). Whether publisher and readers live is told
+by their locks, which the kernel frees when they die; process numbers are as they wrote them down. A dead reader has
+leaked its slot: the next subscriber takes it back, or `ganglion doctor --fix`.
+";
+
+fn run(options: &Options, output: &mut Output, _log: Log) -> Result<(), Failure> {
+    let info = Info::read(options.topic()).map_err(world)?;
+    output.put(&Details {
+        now_ns: clock::now_ns(),
+        info,
+    })
+}
+
+struct Details {
+    now_ns: u64,
+    info: Info,
+}
+
+impl Details {
+    fn age_s(&self) -> Option<f64> {
+        let last = self.info.last_publish_ns;
+        (last > 0).then(|| units::age_s(self.now_ns, last))
+    }
+
+    fn publisher(&self) -> String {
+        match self.info.state {
+            State::Legacy => "not known".into(),
+            State::Live => process::label(self.info.writer_pid),
+            _ => format!("was pid {}", self.info.writer_pid),
+        }
+    }
+}
+
+impl fmt::Display for Details {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let info = &self.info;
+        let geometry = info.geometry;
+        writeln!(f, "topic       {}", info.topic.name())?;
+        writeln!(f, "file        {}", info.topic.path().display())?;
+        writeln!(f, "state       {}", state::name(info.state))?;
+        writeln!(
+            f,
+            "publisher   {}, {} takeovers before it",
+            self.publisher(),
+            info.epoch
+        )?;
+        writeln!(f, "content     {}", content::name(info.content))?;
+        writeln!(
+            f,
+            "slots       {} of {} bytes, messages of up to {} bytes, {} in all",
+            geometry.slot_count(),
+            geometry.slot_size(),
+            geometry.max_message_size(),
+            units::bytes(geometry.segment_len() as f64)
+        )?;
+        writeln!(f, "published   {}", info.published)?;
+        let age = self.age_s().map(|age| format!("{} ago", units::span(age)));
+        writeln!(f, "last        {}", or_dash(age))?;
+        writeln!(
+            f,
+            "dropped     {} since a reader held the slot, {} too large",
+            info.dropped_pinned, info.rejected_oversize
+        )?;
+        writeln!(f, "wake-ups    {}", info.wake_count)?;
+        writeln!(f, "instance    {:016x}", info.instance_id)?;
+        write!(f, "readers     {} of 16", info.readers.len())?;
+        info.readers
+            .iter()
+            .try_for_each(|reader| write_reader(f, reader, info.published))
+    }
+}
+
+fn write_reader(f: &mut fmt::Formatter<'_>, reader: &Reader, published: u64) -> fmt::Result {
+    if !reader.native {
+        return write!(
+            f,
+            "\n  #{:<2}  legacy, whether it lives is not known",
+            reader.index
+        );
+    }
+    let life = match (reader.alive, reader.waiting) {
+        (false, _) => "dead, its slot leaked",
+        (true, true) => "asleep",
+        (true, false) => "awake",
+    };
+    write!(
+        f,
+        "\n  #{:<2}  {}  {life}  {} behind  {} lost",
+        reader.index,
+        process::label(reader.pid),
+        published.saturating_sub(reader.next_sequence),
+        reader.lost
+    )
+}
+
+impl Record for Details {
+    fn json(&self) -> Value {
+        let info = &self.info;
+        let readers: Vec<Value> = info.readers.iter().map(reader_json).collect();
+        let native = info.state != State::Legacy;
+        json!({
+            "topic": info.topic.name(),
+            "file": info.topic.path().to_string_lossy(),
+            "state": state::name(info.state),
+            "pid": native.then_some(info.writer_pid),
+            "epoch": info.epoch,
+            "instance_id": format!("{:016x}", info.instance_id),
+            "content": content::name(info.content),
+            "content_tag": format!("{:016x}", info.content.value()),
+            "slot_count": info.geometry.slot_count(),
+            "slot_size": info.geometry.slot_size(),
+            "max_message_size": info.geometry.max_message_size(),
+            "file_bytes": info.geometry.segment_len(),
+            "published": info.published,
+            "age_s": self.age_s().map(|age| units::rounded(age, 6)),
+            "dropped_pinned": info.dropped_pinned,
+            "rejected_oversize": info.rejected_oversize,
+            "wake_count": info.wake_count,
+            "readers": readers,
+        })
+    }
+}
+
+fn reader_json(reader: &Reader) -> Value {
+    if !reader.native {
+        return json!({"slot": reader.index, "native": false, "next_sequence": reader.next_sequence});
+    }
+    json!({
+        "slot": reader.index,
+        "native": true,
+        "alive": reader.alive,
+        "waiting": reader.waiting,
+        "pid": reader.pid,
+        "next_sequence": reader.next_sequence,
+        "lost": reader.lost,
+    })
+}

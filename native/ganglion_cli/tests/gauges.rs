@@ -1,0 +1,166 @@
+//! The verbs that measure: what they say, and that they outlive the publisher they watch.
+
+mod support;
+
+use serde_json::json;
+use support::{Helper, Scratch, Watcher, run};
+
+#[test]
+fn child() {
+    support::play_role();
+}
+
+#[test]
+fn hz_goes_on_when_its_publisher_is_killed_and_started_again_and_says_so() {
+    let scratch = Scratch::new();
+    let topic = scratch.topic("a");
+    let first = Helper::start("publish", &topic);
+    let mut hz = Watcher::start(&[
+        "hz",
+        topic.name(),
+        "--every",
+        "0.1",
+        "--window",
+        "1",
+        "--json",
+    ]);
+    let line = hz.json_with(|line| line["event"] == "hz" && line["mean_ms"].is_f64());
+    assert_eq!(
+        (&line["topic"], &line["publisher"]),
+        (&json!(topic.name()), &json!("up"))
+    );
+
+    first.kill();
+    hz.json_with(|line| line["event"] == "publisher_down");
+    hz.json_with(|line| line["event"] == "hz" && line["publisher"] == "down");
+    let silent = hz.json_with(|line| line["rate_hz"] == 0.0);
+    assert_eq!(silent["mean_ms"], json!(null));
+    assert!(silent["silent_s"].as_f64().unwrap() > 0.5);
+
+    let second = Helper::start("publish", &topic);
+    let up = hz.json_with(|line| line["event"] == "publisher_up");
+    assert_eq!(
+        (&up["pid"], &up["restarted"]),
+        (&json!(second.pid()), &json!(true))
+    );
+    assert_eq!(up["epoch"], 1);
+    let line = hz.json_with(|line| line["event"] == "hz" && line["mean_ms"].is_f64());
+    assert!(
+        line["max_ms"].as_f64().unwrap() < 900.0,
+        "the pause is no period: {line}"
+    );
+    assert_eq!(hz.interrupt().code(), Some(0));
+}
+
+#[test]
+fn hz_notices_a_publisher_that_was_replaced_too_fast_to_be_missed() {
+    let scratch = Scratch::new();
+    let topic = scratch.topic("a");
+    let mut old = Helper::start("publish", &topic);
+    let mut hz = Watcher::start(&["hz", topic.name(), "--every", "0.05", "--json"]);
+    hz.json_with(|line| line["mean_ms"].is_f64());
+    for epoch in 1..4 {
+        old.kill();
+        old = Helper::start("publish", &topic);
+        let up = hz.json_with(|line| line["event"] == "publisher_up");
+        assert_eq!(
+            (&up["epoch"], &up["pid"]),
+            (&json!(epoch), &json!(old.pid()))
+        );
+    }
+}
+
+#[test]
+fn hz_waits_for_a_topic_and_says_in_words_what_becomes_of_it() {
+    let scratch = Scratch::new();
+    let topic = scratch.topic("a");
+    let mut hz = Watcher::start(&["hz", topic.name(), "--every", "0.1"]);
+    hz.line_with(|line| line.contains("publisher absent"));
+    let publisher = Helper::start("publish", &topic);
+    let came = hz.line_with(|line| line.starts_with("-- "));
+    assert!(
+        came.starts_with(&format!("-- the publisher came: pid {}", publisher.pid())),
+        "{came}"
+    );
+    let line = hz.line_with(|line| line.contains("period mean "));
+    for word in [
+        " Hz  ",
+        "  min ",
+        "  max ",
+        "  sd ",
+        "  messages ",
+        "  lost 0",
+    ] {
+        assert!(line.contains(word), "{word}: {line}");
+    }
+    publisher.kill();
+    hz.line_with(|line| line == "-- the publisher is gone\n");
+    assert_eq!(hz.interrupt().code(), Some(0));
+}
+
+#[test]
+fn bw_tells_bytes_a_second_and_sizes() {
+    let scratch = Scratch::new();
+    let topic = scratch.topic("a");
+    let _publisher = Helper::start("publish", &topic);
+    let answer = run(&[
+        "bw",
+        topic.name(),
+        "--every",
+        "0.3",
+        "--count",
+        "2",
+        "--json",
+    ]);
+    assert_eq!((answer.status, answer.stderr.as_str()), (Some(0), ""));
+    let lines = answer.json();
+    assert_eq!(lines.len(), 2);
+    for line in &lines {
+        assert_eq!(
+            (&line["event"], &line["min_bytes"]),
+            (&json!("bw"), &json!(8))
+        );
+        assert_eq!(
+            (&line["mean_bytes"], &line["max_bytes"]),
+            (&json!(8.0), &json!(8))
+        );
+        let messages = line["messages_per_s"].as_f64().unwrap();
+        let bytes = line["bytes_per_s"].as_f64().unwrap();
+        assert!(
+            messages > 0.0 && (bytes - 8.0 * messages).abs() < 1.0,
+            "{line}"
+        );
+    }
+    let text = run(&["bw", topic.name(), "--every", "0.2", "--count", "1"]).stdout;
+    assert!(
+        text.contains("B/s") && text.contains("size mean 8  min 8  max 8 B"),
+        "{text}"
+    );
+}
+
+#[test]
+fn latency_tells_percentiles_in_order() {
+    let scratch = Scratch::new();
+    let topic = scratch.topic("a");
+    let _publisher = Helper::start("publish", &topic);
+    let answer = run(&[
+        "latency",
+        topic.name(),
+        "--every",
+        "0.5",
+        "--count",
+        "1",
+        "--json",
+    ]);
+    assert_eq!((answer.status, answer.stderr.as_str()), (Some(0), ""));
+    let line = &answer.json()[0];
+    assert_eq!(line["event"], "latency");
+    let [p50, p99, max] = ["p50_us", "p99_us", "max_us"].map(|name| line[name].as_f64().unwrap());
+    assert!(0.0 < p50 && p50 <= p99 && p99 <= max, "{line}");
+    assert!(line["window_messages"].as_u64().unwrap() > 0);
+    let text = run(&["latency", topic.name(), "--every", "0.2", "--count", "1"]).stdout;
+    assert!(
+        text.starts_with("p50 ") && text.contains("  p99 ") && text.contains("  max "),
+        "{text}"
+    );
+}
