@@ -33,6 +33,7 @@
 use std::io;
 use std::time::Duration;
 
+use loom::cell::UnsafeCell;
 use loom::model::Builder;
 use loom::sync::Arc;
 use loom::thread;
@@ -507,23 +508,34 @@ fn a_first_pin_is_seen_by_a_successor() {
     });
 }
 
+/// Stands for a slot's bytes. Loom's loads never see what is stored later, so that it is told here that looking must have
+/// happened before overwriting.
+struct Bytes(UnsafeCell<()>);
+
+// SAFETY: loom reports what is not in order.
+unsafe impl Sync for Bytes {}
+
 #[test]
 fn a_slot_is_overwritten_after_the_last_look_at_it() {
     check(3, || {
         let memory = two_slots();
+        let bytes = Arc::new(Bytes(UnsafeCell::new(())));
         let mut writer = Writer::resume(&memory);
         let mut pinner = Pinner::begin(&memory, 0);
         publish(&mut writer, &memory);
         publish(&mut writer, &memory);
         let meta = pinner.pin(&memory).unwrap();
         let reader = {
-            let memory = memory.clone();
+            let (memory, bytes) = (memory.clone(), bytes.clone());
             thread::spawn(move || {
                 pinner.check(&memory, &meta);
+                bytes.0.with(|_| ());
                 pinner.unpin(&memory);
             })
         };
-        try_publish(&mut writer, &memory);
+        if writer.begin(&memory).is_ok() {
+            bytes.0.with_mut(|_| ());
+        }
         reader.join().unwrap();
     });
 }
