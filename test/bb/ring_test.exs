@@ -270,6 +270,16 @@ defmodule BB.RingTest do
       assert_receive {:bb_ring, ^ref, %Message{data: "still here"}}, 2000
     end
 
+    test "that is guarded survives that its file is cut off, and says so", %{topic: topic} do
+      publisher = open!(topic)
+      %{ref: ref} = subscribe!(topic, active: true, guard: :always)
+      :ok = Publisher.publish(publisher, "whole")
+      assert_receive {:bb_ring, ^ref, %Message{data: "whole"}}, 2000
+      {_, 0} = System.cmd("truncate", ["--size=0", "/dev/shm/conduit_#{topic}"])
+      assert_receive {:bb_ring, ^ref, :publisher_down}, 5000
+      # The publisher, which maps the file, is left alone from here on: it goes with this process and touches nothing.
+    end
+
     test "a topic has sixteen places, and a seventeenth subscriber is told so", %{topic: topic} do
       _publisher = open!(topic)
       for _ <- 1..16, do: subscribe!(topic)

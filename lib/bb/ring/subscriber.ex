@@ -17,6 +17,12 @@ defmodule BB.Ring.Subscriber do
               default: :all,
               doc:
                 "`:all` messages in order, or only the `:latest` at each read; those skipped are counted in `lost`."
+            ],
+            guard: [
+              type: {:in, [:auto, :always, :never]},
+              default: :auto,
+              doc:
+                "Guarded reading: a file that another process cuts off is an error then, where it would kill the VM (SIGBUS). Costs a few system calls a message. `:auto`: of topics that belong to another user."
             ]
           )
 
@@ -68,7 +74,7 @@ defmodule BB.Ring.Subscriber do
     ref = make_ref()
 
     with {:ok, handle} <-
-           Native.subscriber_open(topic, ref, Map.new(Keyword.take(opts, [:start, :policy]))) do
+           Native.subscriber_open(topic, ref, Map.new(Keyword.take(opts, [:start, :policy, :guard]))) do
       subscriber = %__MODULE__{handle: handle, ref: ref, topic: topic}
       _ = active(subscriber, opts[:active])
       {:ok, subscriber}

@@ -17,10 +17,9 @@ use crate::segment::Mapping;
 /// [`Info::dropped_pinned`](crate::Info::dropped_pinned)) until the lease is gone. So hold a lease for less than
 /// `slot_count - 1` periods of the topic, or [`detach`](Lease::detach) it. A holder that is killed holds nothing any more.
 ///
-/// A subscriber has at most three leases at a time; they may outlive it, and go to other threads.
+/// A subscriber has at most three such leases at a time; they may outlive it, and go to other threads.
 ///
-/// A lease is a copy, made at once and counted among the three like any other, where no publisher would respect a hold:
-/// on a topic of a legacy publisher, in guarded mode, and of a message that the publisher may already be about to
+/// A lease is a copy, made at once and not counted among the three, where no publisher would respect a hold: on a topic of a legacy publisher, in guarded mode, and of a message that the publisher may already be about to
 /// overwrite when the subscriber takes its first lease. [`Lease::holds_slot`] tells.
 ///
 /// # The bytes
@@ -31,7 +30,7 @@ use crate::segment::Mapping;
 pub struct Lease {
     meta: Meta,
     place: Place,
-    /// `None` once detached.
+    /// `None` of a copy, and once detached.
     ticket: Option<Ticket>,
     path: PathBuf,
 }
@@ -67,11 +66,11 @@ impl Lease {
         }
     }
 
-    pub(crate) fn of_copy(meta: Meta, ticket: Ticket, bytes: Box<[u8]>, path: PathBuf) -> Lease {
+    pub(crate) fn of_copy(meta: Meta, bytes: Box<[u8]>, path: PathBuf) -> Lease {
         Lease {
             meta,
             place: Place::Copied(bytes),
-            ticket: Some(ticket),
+            ticket: None,
             path,
         }
     }
@@ -93,7 +92,7 @@ impl Lease {
 
     /// Whether the publisher leaves a slot alone for this lease; not so for a copy, and not once detached.
     pub fn holds_slot(&self) -> bool {
-        matches!(self.place, Place::Mapped { .. }) && self.ticket.is_some()
+        self.ticket.is_some()
     }
 
     /// Where the message lies: [`Lease::len`] bytes, readable until the lease is dropped. Of any alignment.

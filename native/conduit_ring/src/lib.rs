@@ -59,8 +59,10 @@
 //! # When not to use it
 //!
 //! - When every message must arrive: a slow subscriber loses messages and the publisher does not slow down.
-//! - Between machines, or between users who do not trust each other: whoever may write the file may shorten it, and that
-//!   is a SIGBUS for all who have it mapped.
+//! - Between machines.
+//! - To publish between users who do not trust each other: whoever may write the file may shorten it, and that is a SIGBUS
+//!   for all who have it mapped. Subscribers of another user's topic are safe from that ([`Guard`]), publishers and
+//!   [`Info::read`] are not.
 //! - For several publishers of one topic: the second is refused. Use a topic for each.
 //! - Across `fork` without `exec`: the child shares its parent's locks and would keep a dead parent's topic locked.
 //!
@@ -108,6 +110,8 @@ mod copy;
 #[cfg(not(loom))]
 mod create;
 #[cfg(not(loom))]
+mod guarded;
+#[cfg(not(loom))]
 mod header;
 #[cfg(not(loom))]
 mod info;
@@ -141,6 +145,7 @@ pub use topic::Topic;
 #[cfg(not(loom))]
 pub use {
     attachment::Incarnation,
+    guarded::Guard,
     info::{Info, Reader, State},
     lease::Lease,
     listing::Listing,

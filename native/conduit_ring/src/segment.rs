@@ -119,6 +119,42 @@ impl Segment {
         self.file.read_exact_at(bytes, offset)
     }
 
+    /// Fills `len` bytes at `to` from the file at `offset`. `UnexpectedEof` where the file ends before.
+    ///
+    /// # Safety
+    /// `to` is valid for writes of `len` bytes.
+    pub(crate) unsafe fn read_raw_at(
+        &self,
+        to: *mut u8,
+        len: usize,
+        offset: u64,
+    ) -> io::Result<()> {
+        let mut done = 0;
+        while done < len {
+            let at = offset + done as u64;
+            let to = to.wrapping_add(done).cast();
+            // SAFETY: `len - done` bytes are writable there by the caller's promise.
+            match unsafe { libc::pread64(self.fd(), to, len - done, at as i64) } {
+                0 => return Err(io::ErrorKind::UnexpectedEof.into()),
+                got if got > 0 => done += got as usize,
+                _ => {
+                    let error = io::Error::last_os_error();
+                    if error.kind() != io::ErrorKind::Interrupted {
+                        return Err(error);
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether the file belongs to another user than the one that this process acts as.
+    pub(crate) fn is_foreign(&self) -> io::Result<bool> {
+        // SAFETY: geteuid takes nothing and cannot fail.
+        let own = unsafe { libc::geteuid() };
+        Ok(self.file.metadata()?.uid() != own)
+    }
+
     pub(crate) fn write_head(&self, bytes: &[u8]) -> io::Result<()> {
         self.file.write_all_at(bytes, 0)
     }
@@ -332,11 +368,15 @@ struct KernelTimespec {
     nanoseconds: libc::c_long,
 }
 
-pub(crate) fn futex_wait(word: &AtomicU32, expected: u32, timeout: Duration) {
-    let timeout = KernelTimespec {
+fn kernel_timespec(timeout: Duration) -> KernelTimespec {
+    KernelTimespec {
         seconds: timeout.as_secs().try_into().unwrap_or(libc::c_long::MAX),
         nanoseconds: timeout.subsec_nanos() as libc::c_long,
-    };
+    }
+}
+
+pub(crate) fn futex_wait(word: &AtomicU32, expected: u32, timeout: Duration) {
+    let timeout = kernel_timespec(timeout);
     // SAFETY: the word and the timeout outlive the call. Every result is a reason to look again.
     unsafe {
         libc::syscall(
@@ -355,6 +395,77 @@ pub(crate) fn futex_wake_all(word: &AtomicU32) -> u32 {
         unsafe { libc::syscall(libc::SYS_futex, word.as_ptr(), libc::FUTEX_WAKE, i32::MAX) };
     u32::try_from(woken).unwrap_or(0)
 }
+
+/// Words of a mapping that only the kernel touches: EFAULT where the file has become shorter, and no signal.
+impl Mapping {
+    /// Sleeps while the word at `offset` is `expected`, at most for `timeout`. Returns for no reason, too.
+    pub(crate) fn futex_wait(
+        &self,
+        offset: usize,
+        expected: u32,
+        timeout: Duration,
+    ) -> io::Result<()> {
+        let timeout = kernel_timespec(timeout);
+        // SAFETY: the kernel checks the address, and the timeout outlives the call.
+        let result = unsafe {
+            libc::syscall(
+                libc::SYS_futex,
+                self.base.wrapping_add(offset),
+                libc::FUTEX_WAIT,
+                expected,
+                ptr::from_ref(&timeout),
+            )
+        };
+        match io::Error::last_os_error() {
+            error if result < 0 && error.raw_os_error() == Some(libc::EFAULT) => Err(error),
+            _ => Ok(()),
+        }
+    }
+
+    pub(crate) fn set_bit(&self, offset: usize, bit: u32) -> io::Result<()> {
+        self.wake_op(offset, 1, FUTEX_OP_OR | FUTEX_OP_SHIFT, bit)
+    }
+
+    pub(crate) fn clear_bit(&self, offset: usize, bit: u32) -> io::Result<()> {
+        self.wake_op(offset, 1, FUTEX_OP_ANDN | FUTEX_OP_SHIFT, bit)
+    }
+
+    /// Adds 1 to the word at `offset` and wakes all that sleep on it.
+    pub(crate) fn bump_and_wake(&self, offset: usize) -> io::Result<()> {
+        self.wake_op(offset, i32::MAX, FUTEX_OP_ADD, 1)
+    }
+
+    /// `operand` is shifted below the sign bit of its 12 bits: at most 15 and 1 here.
+    fn wake_op(&self, offset: usize, wake: i32, op: u32, operand: u32) -> io::Result<()> {
+        let word = self.base.wrapping_add(offset);
+        let nobody_else: usize = 0;
+        let change = op << 28 | operand << 12;
+        // SAFETY: the kernel checks the address. It changes the word at once, as an atomic instruction does.
+        let result = unsafe {
+            libc::syscall(
+                libc::SYS_futex,
+                word,
+                libc::FUTEX_WAKE_OP,
+                wake,
+                nobody_else,
+                word,
+                change,
+            )
+        };
+        if result < 0 {
+            Err(io::Error::last_os_error())
+        } else {
+            Ok(())
+        }
+    }
+}
+
+/// The kernel's numbers, in the highest four bits of FUTEX_WAKE_OP's last argument.
+const FUTEX_OP_ADD: u32 = 1;
+const FUTEX_OP_OR: u32 = 2;
+const FUTEX_OP_ANDN: u32 = 3;
+/// The operand is the number of a bit.
+const FUTEX_OP_SHIFT: u32 = 8;
 
 /// Tells when a file appears in a directory.
 #[derive(Debug)]

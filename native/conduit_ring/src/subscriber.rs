@@ -8,11 +8,12 @@ use crate::attachment::{Attachment, Beginning, Incarnation, Life, Part, Past};
 use crate::content::ContentTag;
 use crate::error::Error;
 use crate::geometry::Geometry;
+use crate::guarded::Guard;
 use crate::lease::Lease;
 use crate::reader::{Meta, Policy, Sink, Start};
 use crate::segment::{self, Watch};
 use crate::topic::{DIRECTORY, Topic};
-use crate::wait::{self, LONGEST_SLEEP};
+use crate::wait::LONGEST_SLEEP;
 use crate::waker::Waker;
 
 /// How long a sleep may be while a file is there that is not yet a segment, or the directory cannot be watched.
@@ -25,6 +26,8 @@ pub struct SubscriberOptions {
     pub start: Start,
     /// Which messages to get after falling behind.
     pub policy: Policy,
+    /// Whether the file may be cut off by those who can write it without harm to this process.
+    pub guard: Guard,
 }
 
 /// What a look at a topic gave.
@@ -82,6 +85,7 @@ pub struct Stats {
 pub struct Subscriber {
     topic: Topic,
     part: Part,
+    guard: Guard,
     policy: Policy,
     tie: Tie,
     waker: Waker,
@@ -128,6 +132,7 @@ impl Subscriber {
         let mut subscriber = Subscriber {
             topic: topic.clone(),
             part,
+            guard: options.guard,
             policy: options.policy,
             tie: Tie::Awaiting {
                 watch: None,
@@ -139,7 +144,7 @@ impl Subscriber {
             next_look: Instant::now(),
             past: Stats::default(),
         };
-        match Attachment::open(topic, part, Beginning::At(options.start))? {
+        match Attachment::open(topic, part, options.guard, Beginning::At(options.start))? {
             Some(attachment) => subscriber.hold(attachment)?,
             None => subscriber.await_topic(Past::default()),
         }
@@ -156,7 +161,7 @@ impl Subscriber {
         buffer.clear();
         let mut sink = IntoVec { buffer };
         Ok(
-            match self.step(|it, policy| Ok(it.next(policy, &mut sink)))? {
+            match self.step(|it, topic, policy| it.next(topic, policy, &mut sink))? {
                 Step::Message(meta) => {
                     // SAFETY: the sink reserved room for `len` bytes, and all of them were copied there.
                     unsafe { buffer.set_len(meta.len) };
@@ -186,7 +191,7 @@ impl Subscriber {
             alloc,
             buffer: None,
         };
-        let step = self.step(|it, policy| Ok(it.next(policy, &mut sink)))?;
+        let step = self.step(|it, topic, policy| it.next(topic, policy, &mut sink))?;
         Ok(match (step, sink.buffer) {
             (Step::Message(meta), Some(buffer)) => Received::Message(meta, buffer),
             (Step::Change(Change::Up), _) => Received::PublisherUp,
@@ -201,8 +206,7 @@ impl Subscriber {
     /// [`Error::TooManyLeases`] when three are held; the message is kept. [`Error::Os`] when it cannot be mapped. Else as
     /// [`Subscriber::try_read`].
     pub fn try_lease(&mut self) -> Result<Received<Lease>, Error> {
-        let topic = self.topic.clone();
-        let step = self.step(|attachment, policy| attachment.lease(&topic, policy))?;
+        let step = self.step(Attachment::lease)?;
         Ok(match step {
             Step::Message(lease) => Received::Message(lease.meta(), lease),
             Step::Change(Change::Up) => Received::PublisherUp,
@@ -327,7 +331,7 @@ impl Subscriber {
     #[inline]
     fn step<T>(
         &mut self,
-        mut take: impl FnMut(&mut Attachment, Policy) -> Result<Option<T>, Error>,
+        mut take: impl FnMut(&mut Attachment, &Topic, Policy) -> Result<Option<T>, Error>,
     ) -> Result<Step<T>, Error> {
         if self.publisher_up
             && self.pending.is_none()
@@ -345,12 +349,19 @@ impl Subscriber {
     #[inline]
     fn take<T>(
         &mut self,
-        take: &mut impl FnMut(&mut Attachment, Policy) -> Result<Option<T>, Error>,
+        take: &mut impl FnMut(&mut Attachment, &Topic, Policy) -> Result<Option<T>, Error>,
     ) -> Result<Option<T>, Error> {
         let Tie::Attached(attachment) = &mut self.tie else {
             return Ok(None);
         };
-        let taken = take(attachment, self.policy)?;
+        let taken = match take(attachment, &self.topic, self.policy) {
+            Err(error) if attachment.is_broken() => {
+                self.let_go();
+                self.tell(false);
+                return Err(error);
+            }
+            taken => taken?,
+        };
         self.past.delivered += u64::from(taken.is_some());
         Ok(taken)
     }
@@ -360,7 +371,8 @@ impl Subscriber {
         match &self.tie {
             _ if self.pending.is_some() => Ok(()),
             Tie::Awaiting { past, .. } => {
-                match Attachment::open(&self.topic, self.part, Beginning::After(*past))? {
+                let beginning = Beginning::After(*past);
+                match Attachment::open(&self.topic, self.part, self.guard, beginning)? {
                     Some(attachment) => self.hold(attachment),
                     None => Ok(()),
                 }
@@ -416,8 +428,7 @@ impl Subscriber {
     fn hold(&mut self, attachment: Attachment) -> Result<(), Error> {
         // A waker writes to what its subscriber sleeps on.
         let writable = self.part == Part::Reader;
-        self.waker
-            .attach(writable.then(|| attachment.memory().clone()));
+        self.waker.attach(writable.then(|| attachment.alarm()));
         self.tie = Tie::Attached(attachment);
         self.look_at_publisher()
     }
@@ -444,10 +455,7 @@ impl Subscriber {
             Tie::Attached(attachment) => {
                 let news =
                     || self.waker.is_woken() || attachment.has_news() || !attachment.says_live();
-                match attachment.line() {
-                    Some(line) => wait::sleep(attachment.memory(), line, timeout, news),
-                    None => wait::sleep_unseen(attachment.memory(), timeout, news),
-                }
+                attachment.sleep(timeout, news);
             }
             Tie::Awaiting { watch, .. } => {
                 let blind = watch.is_none() || self.topic.path().exists();

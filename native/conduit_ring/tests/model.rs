@@ -4,8 +4,8 @@
 mod support;
 
 use conduit_ring::{
-    Error, Geometry, Lease, Policy, PublishError, Publisher, PublisherOptions, Read, Received,
-    Start, Subscriber, SubscriberOptions,
+    Error, Geometry, Guard, Lease, Policy, PublishError, Publisher, PublisherOptions, Read,
+    Received, Start, Subscriber, SubscriberOptions,
 };
 use proptest::prelude::*;
 use support::Scratch;
@@ -64,7 +64,8 @@ impl Model {
     }
 }
 
-type LeasingReader = (Subscriber, ModelReader, Vec<Lease>);
+/// With its leases, and whether it is guarded and so does not show.
+type LeasingReader = (Subscriber, ModelReader, Vec<Lease>, bool);
 
 impl Model {
     /// Whether some lease holds the slot of the next message.
@@ -88,9 +89,15 @@ fn step() -> impl Strategy<Value = Step> {
         Just(Start::Latest),
         (0..20_u32).prop_map(Start::History)
     ];
+    let guard = prop_oneof![3 => Just(Guard::Never), 1 => Just(Guard::Always)];
     let policy = prop_oneof![3 => Just(Policy::All), 1 => Just(Policy::Latest)];
-    let subscribe = (start, policy)
-        .prop_map(|(start, policy)| Step::Subscribe(SubscriberOptions { start, policy }));
+    let subscribe = (start, policy, guard).prop_map(|(start, policy, guard)| {
+        Step::Subscribe(SubscriberOptions {
+            start,
+            policy,
+            guard,
+        })
+    });
     prop_oneof![
         8 => parts.prop_map(Step::Publish),
         2 => (prop::collection::vec(any::<u8>(), 0..40), any::<bool>()).prop_map(|(bytes, commit)| Step::Loan(bytes, commit)),
@@ -165,6 +172,7 @@ fn run(geometry: Geometry, steps: Vec<Step>) -> Result<(), TestCaseError> {
                     Subscriber::open(&topic, &options).unwrap(),
                     model.subscribe(options),
                     Vec::new(),
+                    options.guard == Guard::Always,
                 ));
             }
             Step::Subscribe(options) => prop_assert!(Subscriber::open(&topic, &options).is_err()),
@@ -183,9 +191,10 @@ fn run(geometry: Geometry, steps: Vec<Step>) -> Result<(), TestCaseError> {
                 .for_each(|it| it.2.clear()),
             Step::Lease(who) => {
                 let who = who % readers.len();
-                let (subscriber, reader, leases) = &mut readers[who];
+                let (subscriber, reader, leases, _) = &mut readers[who];
                 let unread = reader.cursor < model.messages.len();
-                if leases.len() == 3 && unread {
+                let held = leases.iter().filter(|lease| lease.holds_slot()).count();
+                if held == 3 && unread {
                     let refused = subscriber.try_lease();
                     prop_assert!(
                         matches!(refused, Err(Error::TooManyLeases { .. })),
@@ -205,7 +214,7 @@ fn run(geometry: Geometry, steps: Vec<Step>) -> Result<(), TestCaseError> {
             }
             Step::Read(who) => {
                 let who = who % readers.len();
-                let (subscriber, reader, _) = &mut readers[who];
+                let (subscriber, reader, ..) = &mut readers[who];
                 match (
                     subscriber.try_read(&mut buffer).unwrap(),
                     model.read(reader),
@@ -231,7 +240,8 @@ fn run(geometry: Geometry, steps: Vec<Step>) -> Result<(), TestCaseError> {
         (info.published, info.rejected_oversize),
         (model.messages.len() as u64, rejected)
     );
-    prop_assert_eq!((info.readers.len(), info.wake_count), (readers.len(), 0));
+    let shown = readers.iter().filter(|reader| !reader.3).count();
+    prop_assert_eq!((info.readers.len(), info.wake_count), (shown, 0));
     Ok(())
 }
 

@@ -125,6 +125,7 @@ impl Shared {
 struct OpenOptions {
     start: StartTerm,
     policy: PolicyTerm,
+    guard: GuardTerm,
 }
 
 #[derive(NifTaggedEnum)]
@@ -140,6 +141,13 @@ enum PolicyTerm {
     Latest,
 }
 
+#[derive(NifUnitEnum)]
+enum GuardTerm {
+    Auto,
+    Always,
+    Never,
+}
+
 impl From<OpenOptions> for SubscriberOptions {
     fn from(options: OpenOptions) -> Self {
         Self {
@@ -151,6 +159,11 @@ impl From<OpenOptions> for SubscriberOptions {
             policy: match options.policy {
                 PolicyTerm::All => Policy::All,
                 PolicyTerm::Latest => Policy::Latest,
+            },
+            guard: match options.guard {
+                GuardTerm::Auto => Guard::Auto,
+                GuardTerm::Always => Guard::Always,
+                GuardTerm::Never => Guard::Never,
             },
         }
     }
