@@ -102,13 +102,12 @@ impl Publisher {
             .fold(0_usize, |len, part| len.saturating_add(part.len()));
         self.check_len(len)?;
         let now_ns = clock::now_ns();
-        let published = match self.writer.publish(&self.attached.memory, parts, now_ns) {
-            Err(pinned) => self.after_dead_holders(pinned, now_ns, |writer, memory| {
-                writer.publish(memory, parts, now_ns)
-            })?,
-            Ok(published) => published,
-        };
-        Ok(self.after_publish(published))
+        loop {
+            match self.writer.publish(&self.attached.memory, parts, now_ns) {
+                Ok(published) => return Ok(self.after_publish(published)),
+                Err(pinned) => self.make_way(pinned, now_ns)?,
+            }
+        }
     }
 
     /// Lends the next slot, for a message of `len` bytes that is written there piece by piece, without a copy of it
@@ -120,8 +119,8 @@ impl Publisher {
     /// As [`Publisher::publish`].
     pub fn loan(&mut self, len: usize) -> Result<Loan<'_>, PublishError> {
         self.check_len(len)?;
-        if let Err(pinned) = self.writer.begin(&self.attached.memory) {
-            self.after_dead_holders(pinned, clock::now_ns(), Writer::begin)?;
+        while let Err(pinned) = self.writer.begin(&self.attached.memory) {
+            self.make_way(pinned, clock::now_ns())?;
         }
         Ok(Loan::new(self, len))
     }
@@ -164,27 +163,20 @@ impl Publisher {
         sequence
     }
 
-    /// Tries once more if a holder of the slot is dead, which is looked at now and then; else drops the message.
+    /// Takes the slot back from holders that are dead, for another try; else drops the message. Who lives is looked at now
+    /// and then only.
     #[cold]
-    fn after_dead_holders<T>(
-        &mut self,
-        pinned: Pinned,
-        now_ns: u64,
-        again: impl FnOnce(&mut Writer, &Memory) -> Result<T, Pinned>,
-    ) -> Result<T, PublishError> {
+    fn make_way(&mut self, pinned: Pinned, now_ns: u64) -> Result<(), PublishError> {
         let memory = &self.attached.memory;
-        let mut result = Err(pinned);
         if now_ns >= self.next_holder_look_ns {
             self.next_holder_look_ns = now_ns.saturating_add(HOLDER_LOOKS_NS);
             // A lock that cannot be asked for is held, as far as is known.
             if reclaim_pins(memory, &self.attached.segment, pinned.holders).unwrap_or(false) {
-                result = again(&mut self.writer, memory);
+                return Ok(());
             }
         }
-        result.map_err(|_| {
-            self.writer.drop_pinned(memory);
-            PublishError::SlotHeld
-        })
+        self.writer.drop_pinned(memory);
+        Err(PublishError::SlotHeld)
     }
 
     /// A reader that was killed in its sleep leaves its waiting bit behind, and every message would cost a system call.

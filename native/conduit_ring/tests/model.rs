@@ -184,11 +184,11 @@ fn run(geometry: Geometry, steps: Vec<Step>) -> Result<(), TestCaseError> {
                 epoch += 1;
             }
             Step::Leave(who) => drop(readers.swap_remove(who % readers.len())),
-            Step::EndLeases(who) => readers
-                .iter_mut()
-                .nth(who % 3)
-                .into_iter()
-                .for_each(|it| it.2.clear()),
+            Step::EndLeases(who) => {
+                if let Some((_, _, leases, _)) = readers.get_mut(who % 3) {
+                    leases.clear();
+                }
+            }
             Step::Lease(who) => {
                 let who = who % readers.len();
                 let (subscriber, reader, leases, _) = &mut readers[who];

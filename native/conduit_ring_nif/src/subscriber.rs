@@ -5,7 +5,7 @@ use std::sync::{Condvar, Mutex, MutexGuard};
 use std::time::Duration;
 
 use conduit_ring::{
-    Error, Lease, Meta, Policy, Received, Start, Subscriber, SubscriberOptions, Topic, Waker,
+    Error, Guard, Lease, Meta, Policy, Received, Start, Subscriber, SubscriberOptions, Topic, Waker,
 };
 use rustler::env::SavedTerm;
 use rustler::{
