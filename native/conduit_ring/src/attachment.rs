@@ -4,13 +4,15 @@ use std::io;
 use std::sync::Arc;
 
 use crate::attach::{self, Attached};
-use crate::claim::{Claim, Claimant};
 use crate::error::{Error, Fault};
 use crate::header::{FIXED_LEN, Header, Origin};
 use crate::layout::{ReaderLine, STATE, STATE_LIVE, WRITER_EPOCH, WRITER_PID};
+use crate::lease::Lease;
+use crate::line::{Line, Ticket};
 use crate::memory::Memory;
+use crate::pins::{self, Announced};
 use crate::reader::{Dialect, Meta, Policy, Reader, Sink, Start};
-use crate::segment::{self, Access, Name};
+use crate::segment::{Access, Name};
 use crate::sync::Ordering::{Acquire, Relaxed};
 use crate::topic::Topic;
 
@@ -66,10 +68,12 @@ pub(crate) struct Past {
 }
 
 pub(crate) struct Attachment {
-    attached: Attached,
+    attached: Arc<Attached>,
     /// `None` of an observer's.
-    claim: Option<Claim>,
+    line: Option<Arc<Line>>,
     reader: Reader,
+    /// What is known since the first lease.
+    announced: Option<Announced>,
 }
 
 impl Attachment {
@@ -84,7 +88,7 @@ impl Attachment {
             Part::Observer => Access::Read,
         };
         let attached = match attach::attach(topic, access) {
-            Ok(Some(attached)) => attached,
+            Ok(Some(attached)) => Arc::new(attached),
             Ok(None)
             | Err(Error::BadSegment {
                 fault: Fault::NotReady,
@@ -95,8 +99,8 @@ impl Attachment {
         if is_native(&attached) && !is_live(&attached) {
             return Ok(None);
         }
-        let claim = match part {
-            Part::Reader => Some(claim(topic, &attached)?),
+        let line = match part {
+            Part::Reader => Some(Line::claim(topic, &attached)?),
             Part::Observer => None,
         };
         let dialect = if is_native(&attached) {
@@ -114,8 +118,9 @@ impl Attachment {
         };
         Ok(Some(Attachment {
             attached,
-            claim,
+            line,
             reader,
+            announced: None,
         }))
     }
 
@@ -129,7 +134,7 @@ impl Attachment {
 
     /// The reader line that is held; `None` of an observer's.
     pub(crate) fn line(&self) -> Option<ReaderLine> {
-        self.claim.map(|claim| claim.line)
+        self.line.as_ref().map(|line| line.number())
     }
 
     pub(crate) fn incarnation(&self) -> Incarnation {
@@ -158,8 +163,16 @@ impl Attachment {
         let lost_before = self.reader.lost_total();
         let memory = &self.attached.memory;
         let meta = self.reader.next(memory, policy, sink);
+        self.show(lost_before);
+        meta
+    }
+
+    /// Shows in the line how far the reader is.
+    #[inline]
+    fn show(&self, lost_before: u64) {
+        let memory = &self.attached.memory;
         let Some(line) = self.line() else {
-            return meta;
+            return;
         };
         memory
             .u64(line.read_idx())
@@ -169,7 +182,51 @@ impl Attachment {
                 .u64(line.lost_count())
                 .store(self.reader.lost_total(), Relaxed);
         }
-        meta
+    }
+
+    /// As [`Attachment::next`], without a copy where the publisher respects a hold.
+    pub(crate) fn lease(&mut self, topic: &Topic, policy: Policy) -> Result<Option<Lease>, Error> {
+        let (Some(line), true) = (&self.line, self.has_news()) else {
+            return Ok(None);
+        };
+        let ticket = Ticket::take(line).ok_or_else(|| Error::TooManyLeases {
+            path: topic.path().to_owned(),
+        })?;
+        let view = ticket
+            .borrow_view()
+            .map_err(Error::os("map", topic.path()))?;
+        let announced = self.announced(line.number());
+        let lost_before = self.reader.lost_total();
+        let memory = &self.attached.memory;
+        let mut copy = Copied::default();
+        let taken = self.reader.search(memory, policy, |reader| {
+            let held = announced.is_some_and(|it| it.protects(memory, reader.cursor()));
+            let meta = if held {
+                reader.take_pinned(memory, ticket.pin())
+            } else {
+                reader.take(memory, &mut copy)
+            };
+            meta.map(|meta| (meta, held))
+        });
+        self.show(lost_before);
+        let path = topic.path().to_owned();
+        Ok(taken.map(|(meta, held)| {
+            if held {
+                let at = self.header().geometry.slot_offset(meta.sequence);
+                Lease::of_slot(meta, ticket, view, at, path)
+            } else {
+                ticket.return_view(view);
+                Lease::of_copy(meta, ticket, copy.into_bytes(meta.len), path)
+            }
+        }))
+    }
+
+    /// Legacy publishers do not look at pins.
+    fn announced(&mut self, line: ReaderLine) -> Option<Announced> {
+        if self.announced.is_none() && is_native(&self.attached) {
+            self.announced = Some(pins::announce(&self.attached.memory, line));
+        }
+        self.announced
     }
 
     pub(crate) fn has_news(&self) -> bool {
@@ -197,26 +254,35 @@ impl Attachment {
 
     /// Claims a line again if the claim was wiped: a legacy publisher that starts anew clears the header.
     pub(crate) fn renew_claim(&mut self, topic: &Topic) -> Result<(), Error> {
-        let stands = |claim: Claim| claim.stands(&self.attached.memory);
-        if self.claim.is_none_or(stands) {
+        let Some(line) = self.line.as_ref().filter(|line| !line.stands()) else {
             return Ok(());
-        }
-        self.release().map_err(Error::os("unlock", topic.path()))?;
-        self.claim = Some(claim(topic, &self.attached)?);
+        };
+        line.give_up().map_err(Error::os("unlock", topic.path()))?;
+        self.announced = None;
+        self.line = Some(Line::claim(topic, &self.attached)?);
         Ok(())
-    }
-
-    fn release(&self) -> io::Result<()> {
-        self.claim.map_or(Ok(()), |claim| {
-            claim.release(&self.attached.memory, &self.attached.segment)
-        })
     }
 }
 
-impl Drop for Attachment {
-    fn drop(&mut self) {
-        // Closing the file frees the lock in any case.
-        let _ = self.release();
+/// A copy of a message for a lease.
+#[derive(Default)]
+struct Copied(Vec<u8>);
+
+impl Copied {
+    fn into_bytes(mut self, len: usize) -> Box<[u8]> {
+        // The sink made it as long as the message; a later try may have asked for less.
+        self.0.truncate(len);
+        self.0.into_boxed_slice()
+    }
+}
+
+// SAFETY: the vector is as long as was asked for, at least, and stays in place until the next call.
+unsafe impl Sink for Copied {
+    fn room(&mut self, len: usize) -> *mut u8 {
+        if self.0.len() < len {
+            self.0.resize(len, 0);
+        }
+        self.0.as_mut_ptr()
     }
 }
 
@@ -227,19 +293,6 @@ fn judge(native: bool, alive: bool, name: Name) -> Life {
         (true, false, Name::Same) => Life::Down,
         (_, _, Name::Missing) => Life::Over,
     }
-}
-
-fn claim(topic: &Topic, attached: &Attached) -> Result<Claim, Error> {
-    let who = Claimant {
-        id: segment::random_id().map_err(Error::os("getrandom", topic.path()))?,
-        pid: std::process::id(),
-        start_time: segment::process_start_time(),
-    };
-    Claim::take(&attached.memory, &attached.segment, who)
-        .map_err(Error::os("lock", topic.path()))?
-        .ok_or_else(|| Error::NoReaderSlot {
-            path: topic.path().to_owned(),
-        })
 }
 
 fn instance_id(header: &Header) -> Option<u64> {

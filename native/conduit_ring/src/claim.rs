@@ -96,6 +96,28 @@ pub(crate) fn reclaim_leaked(memory: &Memory, locks: &impl LineLocks) -> io::Res
     Ok(())
 }
 
+/// Takes the pins of those of these lines (bits) whose readers died; whether there was one.
+pub(crate) fn reclaim_pins(
+    memory: &Memory,
+    locks: &impl LineLocks,
+    lines: u32,
+) -> io::Result<bool> {
+    let mut reclaimed = false;
+    for line in ReaderLine::all().filter(|line| lines & line.bit() != 0) {
+        if !locks.try_lock(line)? {
+            continue;
+        }
+        if is_native_claim(memory, line) {
+            clear(memory, line);
+        } else {
+            memory.u32(PIN_MASK).fetch_and(!line.bit(), Relaxed);
+        }
+        locks.unlock(line)?;
+        reclaimed = true;
+    }
+    Ok(reclaimed)
+}
+
 /// Takes a line whose lock is held and whose bit was clear; `false` when a legacy reader was quicker.
 fn take_free(memory: &Memory, line: ReaderLine, who: Claimant) -> bool {
     memory.u32(WAITING_MASK).fetch_and(!line.bit(), Relaxed);

@@ -83,6 +83,7 @@ mod geometry;
 mod layout;
 #[cfg_attr(loom, path = "memory_model.rs")]
 mod memory;
+mod pins;
 mod reader;
 mod sync;
 mod wait;
@@ -111,7 +112,13 @@ mod header;
 #[cfg(not(loom))]
 mod info;
 #[cfg(not(loom))]
+mod lease;
+#[cfg(not(loom))]
+mod line;
+#[cfg(not(loom))]
 mod listing;
+#[cfg(not(loom))]
+mod loan;
 #[cfg(not(loom))]
 mod observer;
 #[cfg(not(loom))]
@@ -135,7 +142,9 @@ pub use topic::Topic;
 pub use {
     attachment::Incarnation,
     info::{Info, Reader, State},
+    lease::Lease,
     listing::Listing,
+    loan::Loan,
     observer::{Observer, ObserverOptions},
     publisher::{Publisher, PublisherOptions},
     subscriber::{Read, Received, Stats, Subscriber, SubscriberOptions, Wait},

@@ -4,9 +4,10 @@
 //! begun to overwrite the slot by the end of the copy, the copy is dropped. The orders are told in `writer.rs`.
 
 use crate::layout::{
-    SLOT_LEN, SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO, WRITE_IDX, WRITE_INTENT,
+    At64, SLOT_LEN, SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO, WRITE_IDX, WRITE_INTENT,
 };
 use crate::memory::{Memory, Slot};
+use crate::pins;
 use crate::sync::{Ordering, fence};
 
 /// Which messages a subscriber begins with.
@@ -132,6 +133,18 @@ impl Reader {
         policy: Policy,
         sink: &mut impl Sink,
     ) -> Option<Meta> {
+        self.search(memory, policy, |reader| reader.take(memory, sink))
+    }
+
+    /// As [`Reader::next`], with a way of one's own to take the message at the cursor: by [`Reader::take`] or
+    /// [`Reader::take_pinned`].
+    #[inline]
+    pub(crate) fn search<T>(
+        &mut self,
+        memory: &Memory,
+        policy: Policy,
+        mut take: impl FnMut(&mut Reader) -> Option<T>,
+    ) -> Option<T> {
         for _ in 0..=memory.geometry().slot_count() {
             let published = published(memory);
             if published == self.cursor {
@@ -140,8 +153,8 @@ impl Reader {
             if !self.catch_up(memory, published, policy) {
                 return None;
             }
-            if let Some(meta) = self.take(memory, sink) {
-                return Some(meta);
+            if let Some(taken) = take(self) {
+                return Some(taken);
             }
             self.lose(1);
         }
@@ -176,7 +189,7 @@ impl Reader {
 
     /// Copies the message at the cursor; `None` when it cannot be trusted.
     #[inline]
-    fn take(&mut self, memory: &Memory, sink: &mut impl Sink) -> Option<Meta> {
+    pub(crate) fn take(&mut self, memory: &Memory, sink: &mut impl Sink) -> Option<Meta> {
         let slot = memory.slot(self.cursor);
         let len = slot.load(SLOT_LEN) as usize;
         if len > memory.geometry().max_message_size() {
@@ -191,6 +204,27 @@ impl Reader {
         if !self.is_whole(memory, &slot) {
             return None;
         }
+        Some(self.deliver(timestamp_ns, len))
+    }
+
+    /// Pins the message at the cursor where it lies; `None`, and no pin, when it cannot be trusted. A writer that looks at
+    /// pins leaves the slot alone until the pin is taken away.
+    pub(crate) fn take_pinned(&mut self, memory: &Memory, pin: At64) -> Option<Meta> {
+        pins::pin(memory, pin, self.cursor);
+        let slot = memory.slot(self.cursor);
+        // From here on nothing of the slot changes, if this message is still there.
+        let whole = self.is_whole(memory, &slot);
+        let len = slot.load(SLOT_LEN) as usize;
+        if !whole || len > memory.geometry().max_message_size() {
+            pins::unpin(memory, pin);
+            return None;
+        }
+        let timestamp_ns = long(&slot, SLOT_TIME_LO, SLOT_TIME_HI);
+        Some(self.deliver(timestamp_ns, len))
+    }
+
+    #[inline]
+    fn deliver(&mut self, timestamp_ns: u64, len: usize) -> Meta {
         let meta = Meta {
             sequence: self.cursor,
             timestamp_ns,
@@ -199,7 +233,7 @@ impl Reader {
         };
         self.cursor = self.cursor.wrapping_add(1);
         self.lost = 0;
-        Some(meta)
+        meta
     }
 
     /// Whether all that was read of the slot up to now belongs to the message at the cursor.

@@ -251,6 +251,73 @@ impl Mapping {
     }
 }
 
+impl Mapping {
+    /// Keeps `len` bytes at `at` and lets all else of the mapping go: the pages under them are replaced by private ones with
+    /// the same content, at the same address, in one step as others see it. Tells where in what is left the bytes are.
+    pub(crate) fn make_private(&mut self, at: usize, len: usize) -> io::Result<usize> {
+        let page = page_size();
+        let from = at / page * page;
+        let to = (at + len.max(1)).div_ceil(page) * page;
+        let end = self.len.div_ceil(page) * page;
+        let mut copy = Mapping::private(to - from)?;
+        // SAFETY: the mapping has `len` bytes at `at`, and the copy, new and of this function's own, has room for them there.
+        unsafe {
+            crate::copy::out_of_shared(
+                self.base.wrapping_add(at),
+                copy.base.wrapping_add(at - from),
+                len,
+            );
+        }
+        copy.move_onto(self.base.wrapping_add(from))?;
+        // From here on the copy's address range is the middle of the old one.
+        let old = std::mem::replace(self, copy);
+        unmap(old.base, from);
+        unmap(old.base.wrapping_add(to), end - to);
+        std::mem::forget(old);
+        Ok(at - from)
+    }
+
+    fn private(len: usize) -> io::Result<Mapping> {
+        let protection = libc::PROT_READ | libc::PROT_WRITE;
+        let flags = libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_POPULATE;
+        // SAFETY: a new mapping at an address of the kernel's choice touches no memory in use.
+        let base = unsafe { libc::mmap(ptr::null_mut(), len, protection, flags, -1, 0) };
+        if base == libc::MAP_FAILED {
+            return Err(io::Error::last_os_error());
+        }
+        Ok(Mapping {
+            base: base.cast(),
+            len,
+        })
+    }
+
+    /// Moves to another address, whose mapping it replaces there.
+    fn move_onto(&mut self, target: *mut u8) -> io::Result<()> {
+        let flags = libc::MREMAP_MAYMOVE | libc::MREMAP_FIXED;
+        let (from, len) = (self.base.cast(), self.len);
+        // SAFETY: the target range belongs to a mapping of the caller's, whose readers find the same bytes there.
+        let moved = unsafe { libc::mremap(from, len, len, flags, target.cast::<libc::c_void>()) };
+        if moved == libc::MAP_FAILED {
+            return Err(io::Error::last_os_error());
+        }
+        self.base = moved.cast();
+        Ok(())
+    }
+}
+
+fn unmap(base: *mut u8, len: usize) {
+    if len > 0 {
+        // SAFETY: called for parts of a mapping that its owner lets go.
+        unsafe { libc::munmap(base.cast(), len) };
+    }
+}
+
+fn page_size() -> usize {
+    // SAFETY: sysconf takes no pointer.
+    let size = unsafe { libc::sysconf(libc::_SC_PAGESIZE) };
+    usize::try_from(size).unwrap_or(4096)
+}
+
 impl Drop for Mapping {
     fn drop(&mut self) {
         // SAFETY: base and len are those of a mapping made by Segment::map, unmapped only here.

@@ -8,6 +8,7 @@ use crate::attachment::{Attachment, Beginning, Incarnation, Life, Part, Past};
 use crate::content::ContentTag;
 use crate::error::Error;
 use crate::geometry::Geometry;
+use crate::lease::Lease;
 use crate::reader::{Meta, Policy, Sink, Start};
 use crate::segment::{self, Watch};
 use crate::topic::{DIRECTORY, Topic};
@@ -103,8 +104,8 @@ enum Change {
 }
 
 /// What a step came to, before it is told in the caller's words.
-enum Step {
-    Message(Meta),
+enum Step<T> {
+    Message(T),
     Change(Change),
     Nothing,
 }
@@ -154,16 +155,18 @@ impl Subscriber {
     pub fn try_read(&mut self, buffer: &mut Vec<u8>) -> Result<Read, Error> {
         buffer.clear();
         let mut sink = IntoVec { buffer };
-        Ok(match self.step(&mut sink)? {
-            Step::Message(meta) => {
-                // SAFETY: the sink reserved room for `len` bytes, and all of them were copied there.
-                unsafe { buffer.set_len(meta.len) };
-                Read::Message(meta)
-            }
-            Step::Change(Change::Up) => Read::PublisherUp,
-            Step::Change(Change::Down) => Read::PublisherDown,
-            Step::Nothing => Read::Nothing,
-        })
+        Ok(
+            match self.step(|it, policy| Ok(it.next(policy, &mut sink)))? {
+                Step::Message(meta) => {
+                    // SAFETY: the sink reserved room for `len` bytes, and all of them were copied there.
+                    unsafe { buffer.set_len(meta.len) };
+                    Read::Message(meta)
+                }
+                Step::Change(Change::Up) => Read::PublisherUp,
+                Step::Change(Change::Down) => Read::PublisherDown,
+                Step::Nothing => Read::Nothing,
+            },
+        )
     }
 
     /// Takes the next message, if there is one, into a buffer that `alloc` makes for its length. `alloc` may be called
@@ -183,11 +186,28 @@ impl Subscriber {
             alloc,
             buffer: None,
         };
-        Ok(match (self.step(&mut sink)?, sink.buffer) {
+        let step = self.step(|it, policy| Ok(it.next(policy, &mut sink)))?;
+        Ok(match (step, sink.buffer) {
             (Step::Message(meta), Some(buffer)) => Received::Message(meta, buffer),
             (Step::Change(Change::Up), _) => Received::PublisherUp,
             (Step::Change(Change::Down), _) => Received::PublisherDown,
             _ => Received::Nothing,
+        })
+    }
+
+    /// Takes the next message, if there is one, without copying it: see [`Lease`]. Never waits.
+    ///
+    /// # Errors
+    /// [`Error::TooManyLeases`] when three are held; the message is kept. [`Error::Os`] when it cannot be mapped. Else as
+    /// [`Subscriber::try_read`].
+    pub fn try_lease(&mut self) -> Result<Received<Lease>, Error> {
+        let topic = self.topic.clone();
+        let step = self.step(|attachment, policy| attachment.lease(&topic, policy))?;
+        Ok(match step {
+            Step::Message(lease) => Received::Message(lease.meta(), lease),
+            Step::Change(Change::Up) => Received::PublisherUp,
+            Step::Change(Change::Down) => Received::PublisherDown,
+            Step::Nothing => Received::Nothing,
         })
     }
 
@@ -305,28 +325,34 @@ impl Subscriber {
     }
 
     #[inline]
-    fn step(&mut self, sink: &mut impl Sink) -> Result<Step, Error> {
+    fn step<T>(
+        &mut self,
+        mut take: impl FnMut(&mut Attachment, Policy) -> Result<Option<T>, Error>,
+    ) -> Result<Step<T>, Error> {
         if self.publisher_up
             && self.pending.is_none()
-            && let Some(message) = self.next_message(sink)
+            && let Some(message) = self.take(&mut take)?
         {
             return Ok(Step::Message(message));
         }
         self.look_around()?;
         Ok(match self.pending.take() {
             Some(change) => Step::Change(change),
-            None => self.next_message(sink).map_or(Step::Nothing, Step::Message),
+            None => self.take(&mut take)?.map_or(Step::Nothing, Step::Message),
         })
     }
 
     #[inline]
-    fn next_message(&mut self, sink: &mut impl Sink) -> Option<Meta> {
+    fn take<T>(
+        &mut self,
+        take: &mut impl FnMut(&mut Attachment, Policy) -> Result<Option<T>, Error>,
+    ) -> Result<Option<T>, Error> {
         let Tie::Attached(attachment) = &mut self.tie else {
-            return None;
+            return Ok(None);
         };
-        let meta = attachment.next(self.policy, sink)?;
-        self.past.delivered += 1;
-        Some(meta)
+        let taken = take(attachment, self.policy)?;
+        self.past.delivered += u64::from(taken.is_some());
+        Ok(taken)
     }
 
     /// Looks after the tie: attaches, notices a publisher's end or return. What there is to tell is then pending.
