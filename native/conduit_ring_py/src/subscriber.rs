@@ -67,6 +67,7 @@ impl Subscriber {
         let options = SubscriberOptions {
             start: start.map_or(Ok(Start::New), start_of)?,
             policy: policy_of(policy)?,
+            ..SubscriberOptions::default()
         };
         let subscriber = py
             .detach(|| conduit_ring::Subscriber::open(&topic, &options))
