@@ -471,9 +471,10 @@ defmodule BB.DslTest do
 
     test "a field that the entity does not have" do
       assert mistake("sensors do\n sensor :s, BB.Test.Probe, require: true\n end").reason ==
-               "a sensor has no :require; it takes :required, :retain, :max_silence"
+               "a sensor has no :require; it takes :required, :retain, :max_silence, :transmission"
 
-      assert mistake("settings nme: :x").reason == "settings has no :nme; it takes :name"
+      assert mistake("settings nme: :x").reason ==
+               "settings has no :nme; it takes :name, :parameter_store, :registry_module, :registry_options, :supervisor_module"
     end
 
     test "a field that is given twice" do
@@ -505,7 +506,7 @@ defmodule BB.DslTest do
         """)
 
       assert error.path == [:topology, :base, :j, :tip]
-      assert error.reason == "type cannot stand in a link; it belongs in a joint"
+      assert error.reason == "type cannot stand in a link; it belongs in a joint or a parameter"
 
       error =
         mistake("""
@@ -569,6 +570,12 @@ defmodule BB.DslTest do
       modules = [
         BB.Dsl.Robot,
         BB.Dsl.Settings,
+        BB.Dsl.Parameters,
+        BB.Dsl.Param,
+        BB.Dsl.Controllers,
+        BB.Dsl.Controller,
+        BB.Dsl.Actuator,
+        BB.Dsl.Transmission,
         BB.Dsl.Component,
         BB.Dsl.Sensor,
         BB.Dsl.Topology,
