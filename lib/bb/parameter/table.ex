@@ -77,6 +77,9 @@ defmodule BB.Parameter.Table do
   def delete_watch(robot, ref) do
     :ets.delete(name(robot), {:watch, ref})
     :ok
+  rescue
+    # The table is gone, and the watch with it.
+    ArgumentError -> :ok
   end
 
   defp insert(robot, rows) do

@@ -53,9 +53,8 @@ defmodule BB.Parameter.Store.Dets do
   end
 
   defp open_file(robot, file) do
-    with {:ok, table} <-
-           :dets.open_file({__MODULE__, robot}, file: to_charlist(file), type: :set),
-         do: readable(table)
+    opts = [file: to_charlist(file), type: :set]
+    with {:ok, table} <- :dets.open_file({__MODULE__, robot}, opts), do: readable(table)
   end
 
   # A file can be opened and yet have garbage in it, which a reader meets.
