@@ -4,21 +4,6 @@ defmodule BB.Dsl.Joint do
   use BB.Dsl.Vocabulary, fields: [:type]
   import BB.Dsl.Vocabulary, only: [entity: 5]
 
-  @actuator [BB.Dsl.Actuator]
-
-  @doc """
-  Declares an actuator of the joint: `actuator :servo, {MyRobot.Servo, channel: 0}`.
-
-  Inside, or as keywords: `required` - whether the robot is of no use without it (`false`), and `transmission`.
-  """
-  defmacro actuator(name, child), do: entity(:actuator, [name, child], 2, @actuator, __CALLER__)
-
-  defmacro actuator(name, child, fields),
-    do: entity(:actuator, [name, child, fields], 2, @actuator, __CALLER__)
-
-  defmacro actuator(name, child, fields, block),
-    do: entity(:actuator, [name, child, fields, block], 2, @actuator, __CALLER__)
-
   @doc "The joint's place in its parent link: `x`, `y`, `z` (lengths), `roll`, `pitch`, `yaw` (angles)."
   defmacro origin(fields), do: entity(:origin, [fields], 0, [BB.Dsl.Origin], __CALLER__)
 

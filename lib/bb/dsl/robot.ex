@@ -27,7 +27,7 @@ defmodule BB.Dsl.Robot do
 
   @doc "The controllers, which belong to the robot as a whole: `controller`."
   defmacro controllers(block),
-    do: entity(:controllers, [block], 0, @values ++ [BB.Dsl.Controllers], __CALLER__)
+    do: entity(:controllers, [block], 0, @values ++ [BB.Dsl.Component], __CALLER__)
 
   @doc "The robot's links and joints, a tree with one root link, and the sensors on them."
   defmacro topology(block),
