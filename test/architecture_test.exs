@@ -38,7 +38,7 @@ defmodule ArchitectureTest do
 
     # The kinds of components.
     sensor:
-      {~w(BB.Sensor BB.Sensor.Server BB.Sensor.SensorProfile BB.Actuator.* BB.Controller),
+      {~w(BB.Sensor BB.Sensor.Server BB.Sensor.SensorProfile BB.Sensor.Mimic BB.Actuator.* BB.Controller),
        ~w(declaration component transmission parameter pub_sub envelope payload options)a},
     dsl: {~w(BB.Dsl.*), ~w(declaration transmission parameter sensor options unit)a},
     supervisor:
