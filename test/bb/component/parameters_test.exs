@@ -24,7 +24,7 @@ defmodule BB.Component.ParametersTest do
 
     @impl BB.Sensor
     def handle_options(opts, old) do
-      send(opts[:to], {:options, opts})
+      tell(opts[:to], {:options, opts}, :ok)
 
       case opts[:gain] do
         13.0 -> {:stop, :unlucky}
@@ -48,7 +48,7 @@ defmodule BB.Component.ParametersTest do
     def terminate(reason, opts), do: tell(opts[:to], {:terminated, reason}, :ok)
 
     defp tell(to, what, result) do
-      send(to, what)
+      if pid = Process.whereis(to), do: send(pid, what)
       result
     end
   end

@@ -90,7 +90,7 @@ defmodule BB.Parameter.Store.DetsTest do
     whole = File.read!(file)
 
     # :dets itself writes a line about each repair to the terminal.
-    for at <- 0..(byte_size(whole) - 1)//601 do
+    for at <- 0..(byte_size(whole) - 1)//1201 do
       <<head::binary-size(at), byte, tail::binary>> = whole
       File.write!(file, [head, Bitwise.bxor(byte, 0xFF), tail])
       capture_log(fn -> start_supervised!(robot) end)
