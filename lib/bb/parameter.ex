@@ -163,7 +163,7 @@ defmodule BB.Parameter do
   @spec resolve(module(), term()) :: term()
   def resolve(robot, fields), do: Reference.resolve(fields, &get!(robot, &1))
 
-  defp change!({path, value}) when is_list(path), do: {path, value}
+  defp change!({[_ | _] = path, value}), do: {path, value}
 
   defp change!(other) do
     raise ArgumentError,

@@ -131,7 +131,7 @@ defmodule BB.ParameterTest do
     test "anywhere else is {:error, {:unregistered_parameter, path}}" do
       robot = start_tunable()
 
-      for path <- [[:arm, :gain], [:imu, :rate, :x], []],
+      for path <- [[:arm, :gain], [:imu, :rate, :x]],
           do: assert(Parameter.set(robot, path, 1) == {:error, {:unregistered_parameter, path}})
     end
 
@@ -227,6 +227,8 @@ defmodule BB.ParameterTest do
       assert_raise ArgumentError, ~r/what is set is {path, value}/, fn ->
         Parameter.set_many(robot, debug: true)
       end
+
+      assert_raise ArgumentError, fn -> Parameter.set(robot, [], true) end
     end
 
     test "is one moment for those who watch" do

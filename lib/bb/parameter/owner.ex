@@ -98,8 +98,6 @@ defmodule BB.Parameter.Owner do
     end
   end
 
-  defp no_parameter(_owner, []), do: {:unregistered_parameter, []}
-
   defp no_parameter(owner, path) do
     above = Enum.drop(path, -1)
     group? = Enum.any?(Table.definitions(owner.robot), &(Enum.drop(&1.path, -1) == above))

@@ -46,13 +46,11 @@ defmodule BB.Parameter.Persistence do
   def save(%__MODULE__{module: nil}, _values), do: :ok
 
   def save(%__MODULE__{module: module, state: state} = store, values) do
-    for {path, value} <- values do
+    Enum.each(values, fn {path, value} ->
       attempt(store.robot, module, "save #{inspect(path)} in", fn ->
         module.save(state, path, value)
       end)
-    end
-
-    :ok
+    end)
   end
 
   @doc "Closes the store."
