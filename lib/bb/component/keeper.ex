@@ -256,6 +256,7 @@ defmodule BB.Component.Keeper do
   defp attach(keeper) do
     %{robot: robot, component: component, condition: condition} = keeper
     Health.register(robot, component, condition, keeper.server)
+    if component.retain, do: BB.PubSub.retain(robot, Component.data_path(component))
     _ = if component.max_silence_ns, do: subscribe(robot, Component.data_path(component))
     keeper
   rescue
