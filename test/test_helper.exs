@@ -1,2 +1,3 @@
 BB.Test.Probe.setup()
+BB.Test.Brake.setup()
 ExUnit.start(capture_log: true, assert_receive_timeout: 2_000)

@@ -5,6 +5,7 @@ defmodule BB.Supervisor do
       MyRobot                          one_for_one
       ├── MyRobot.Registry             names of components
       ├── MyRobot.PubSub               the bus
+      ├── BB.Safety.Latch              holds the end until the robot is disarmed
       └── topology                     BB.Supervisor.Part
           ├── :battery                 BB.Component.Keeper ── BB.Component.Server
           └── link :base_link          BB.Supervisor.Part
@@ -56,9 +57,12 @@ defmodule BB.Supervisor do
 
   @impl Supervisor
   def init(robot) do
+    BB.Safety.Warden.watch(robot, :root)
+
     children = [
       Successor.child_spec({Registry, keys: :unique, name: BB.Process.registry_name(robot)}),
       Successor.child_spec({BB.PubSub, robot}),
+      {BB.Safety.Latch, robot},
       {BB.Supervisor.Part, {robot, nil}}
     ]
 

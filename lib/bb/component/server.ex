@@ -122,10 +122,17 @@ defmodule BB.Component.Server do
     %{module: module, kind: kind, bb: bb} = server
     options = [bb: bb] ++ kind.component_options(bb.robot, List.last(bb.path)) ++ options
     metadata = %{robot: bb.robot, path: bb.path, module: module}
+    enlist(module, bb, options)
 
     BB.Telemetry.span([:bb, kind.component_kind(), :init], metadata, fn ->
       {module.init(options), metadata}
     end)
+  end
+
+  # Before init, so that the hardware never moves without a handler that stops it.
+  defp enlist(module, bb, options) do
+    if function_exported?(module, :disarm, 1),
+      do: BB.Safety.register(module, robot: bb.robot, path: bb.path, opts: options)
   end
 
   defp started({:ok, state}, server), do: {:ok, ready(server, state)}
