@@ -25,9 +25,23 @@ defmodule BB.Test.Brake do
   def runs(robot, path), do: :ets.update_counter(@table, {robot, path}, 0, {{robot, path}, 0})
 
   @doc "Registers a brake without a component, by the calling process."
-  def register(robot, path) do
-    BB.Safety.register(__MODULE__, robot: robot, path: path, opts: [bb: %{robot: robot, path: path}])
+  def register(robot, path),
+    do: BB.Safety.register(__MODULE__, robot: robot, path: path, opts: options(robot, path))
+
+  @doc "Registers a brake without a component, by a process of its own, which is returned."
+  def register_apart(robot, path) do
+    test = self()
+
+    owner =
+      spawn(fn ->
+        send(test, {self(), register(robot, path)})
+        Process.sleep(:infinity)
+      end)
+
+    receive do: ({^owner, :ok} -> owner)
   end
+
+  defp options(robot, path), do: [bb: %{robot: robot, path: path}]
 
   @impl BB.Sensor
   def init(opts), do: run(opts, :init, {:ok, opts})
@@ -38,6 +52,9 @@ defmodule BB.Test.Brake do
     :ets.update_counter(@table, {robot, path}, 1, {{robot, path}, 0})
     run(opts, :disarm, :ok)
   end
+
+  @impl BB.Sensor
+  def handle_cast(:crash, _state), do: exit(:crash)
 
   defp run(opts, callback, default) do
     case :ets.lookup(@table, {opts[:bb].robot, opts[:bb].path, callback}) do
