@@ -31,12 +31,17 @@ defmodule BB.Component.Health do
     for %{kind: ^kind} = component <- robot.robot().components, do: row(registry, component)
   end
 
-  @doc "Enters a keeper's row, for as long as the calling process lives."
-  @spec register(module(), Component.t(), Condition.t(), pid() | nil) :: :ok
+  @doc """
+  Enters a keeper's row, for as long as the calling process lives. `{:error, pid}` while a keeper that was killed has not ended yet.
+  """
+  @spec register(module(), Component.t(), Condition.t(), pid() | nil) :: :ok | {:error, pid()}
   def register(robot, component, condition, pid) do
     registry = BB.Process.registry_name(robot)
-    _ = Registry.register(registry, key(component), to_row(component, condition, pid))
-    :ok
+
+    case Registry.register(registry, key(component), to_row(component, condition, pid)) do
+      {:error, {:already_registered, other}} when other != self() -> {:error, other}
+      _registered -> :ok
+    end
   end
 
   @doc "Renews the calling keeper's row."
