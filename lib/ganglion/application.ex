@@ -9,4 +9,10 @@ defmodule Ganglion.Application do
     children = [BB.Safety.Supervisor, {Registry, keys: :unique, name: BB.Bus.Sim.Registry}]
     Supervisor.start_link(children, strategy: :one_for_one, name: Ganglion.Supervisor)
   end
+
+  @impl Application
+  def prep_stop(state) do
+    BB.Safety.Supervisor.secure()
+    state
+  end
 end

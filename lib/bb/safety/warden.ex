@@ -9,7 +9,7 @@ defmodule BB.Safety.Warden do
   It is there from the start of the robot until the robot has ended and is disarmed.
   """
 
-  use GenServer, restart: :transient, shutdown: :infinity
+  use GenServer, restart: :transient
 
   alias BB.Safety.{Announcer, Record, Round, Table}
 
@@ -114,7 +114,6 @@ defmodule BB.Safety.Warden do
 
   @impl GenServer
   def init({robot, role, pid}) do
-    Process.flag(:trap_exit, true)
     # An emergency stop does not queue behind what the robot computes.
     Process.flag(:priority, :high)
 
@@ -198,28 +197,6 @@ defmodule BB.Safety.Warden do
     do: noreply(finish(warden))
 
   def handle_info(_message, warden), do: noreply(warden)
-
-  # The application stops, or the machine: what is armed is made safe first.
-  @impl GenServer
-  def terminate(:shutdown, warden),
-    do: warden |> disarm(nil, @timeout_ms, :shutdown) |> drain()
-
-  def terminate(_reason, _warden), do: :ok
-
-  defp drain(%{record: %{state: :disarming}} = warden) do
-    receive do
-      {kind, _, _, _, _} = message when kind == :DOWN ->
-        message |> handle_info(warden) |> drained()
-
-      {:timeout, _, _} = message ->
-        message |> handle_info(warden) |> drained()
-    end
-  end
-
-  defp drain(_warden), do: :ok
-
-  defp drained({:noreply, warden}), do: drain(warden)
-  defp drained({:stop, _reason, _warden}), do: :ok
 
   # Who is watched
 

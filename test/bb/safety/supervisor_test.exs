@@ -54,12 +54,9 @@ defmodule BB.Safety.SupervisorTest do
   end
 
   test "when the application stops, what is armed is disarmed first", %{robot: robot} do
-    :ok = Supervisor.terminate_child(BB.Safety.Supervisor, DynamicSupervisor)
+    Ganglion.Application.prep_stop(nil)
     assert Brake.runs(robot, @a) == 1
     assert Safety.state(robot) == :disarmed
-  after
-    {:ok, _} = Supervisor.restart_child(BB.Safety.Supervisor, DynamicSupervisor)
-    Safety.Supervisor.resume()
   end
 
   # A robot whose only process is the one that is returned.
