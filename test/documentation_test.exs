@@ -78,9 +78,28 @@ defmodule DocumentationTest do
     Supervisor.stop(Module.concat(__MODULE__, MyRobot))
   end
 
+  for guide <- ~w(docs/guides/safety.md) do
+    test "the examples of #{guide} run as they stand, one after the other" do
+      # Who has subscribed is linked to the bus.
+      Process.flag(:trap_exit, true)
+
+      for example <- examples(unquote(guide)), reduce: [] do
+        binding -> run(example, unquote(guide), binding)
+      end
+    end
+  end
+
+  defp run(example, file, binding) do
+    ast = example |> Code.string_to_quoted!(file: file) |> Macro.prewalk(&rename/1)
+    {_result, binding} = Code.eval_quoted(ast, binding)
+    binding
+  end
+
   defp mpu6050, do: {BB.Bus.Sim.Mpu6050, source: :motion}
 
-  defp rename({:__aliases__, meta, [:MyRobot]}), do: {:__aliases__, meta, [__MODULE__, :MyRobot]}
+  defp rename({:__aliases__, meta, [:MyRobot | inner]}),
+    do: {:__aliases__, meta, [__MODULE__, :MyRobot | inner]}
+
   defp rename(node), do: node
 
   # Modules of the application: `{module, moduledoc, docs}`, where a moduledoc is a map of texts, :none or :hidden.

@@ -707,8 +707,13 @@ defmodule BB.SafetyTest do
 
     Brake.script(robot, @a,
       disarm: fn _opts ->
+        ref = Process.monitor(test)
         send(test, {:held, self()})
-        receive do: (:go_on -> :ok)
+
+        receive do
+          :go_on -> :ok
+          {:DOWN, ^ref, _, _, _} -> :ok
+        end
       end
     )
 

@@ -37,11 +37,10 @@ defmodule BB.Safety.Supervisor do
   @doc "Disarms all robots that are armed, at once, and waits for it. For the end of the application, and so of the machine."
   @spec secure() :: :ok
   def secure do
-    Table.records()
-    |> Enum.map(&Task.async(Warden, :secure, [&1.robot]))
-    |> Task.await_many(:infinity)
-
-    :ok
+    for record <- Table.records(), {_pid, ref} = spawn_monitor(Warden, :secure, [record.robot]) do
+      ref
+    end
+    |> Enum.each(fn ref -> receive do: ({:DOWN, ^ref, :process, _pid, _reason} -> :ok) end)
   end
 
   # What a predecessor that was killed has left behind has the name still.

@@ -61,14 +61,14 @@ defmodule BB.Safety.Warden do
   def secure(robot), do: request(robot, :secure)
 
   defp watched_by(robot, role, pid) do
-    case DynamicSupervisor.start_child(@supervisor, {__MODULE__, {robot, role, pid}}) do
-      {:ok, _warden} ->
-        :ok
-
-      {:error, {:already_started, warden}} ->
-        GenServer.call(warden, {:watch, role, pid}, :infinity)
+    case start(robot, role, pid) do
+      {:ok, _warden} -> :ok
+      :ignore -> GenServer.call(name(robot), {:watch, role, pid}, :infinity)
     end
   end
+
+  defp start(robot, role, pid),
+    do: DynamicSupervisor.start_child(@supervisor, {__MODULE__, {robot, role, pid}})
 
   # A warden that dies has a successor, which is asked again and knows what became of the request.
   defp request(robot, request), do: request(robot, request, request)
@@ -94,19 +94,35 @@ defmodule BB.Safety.Warden do
 
   # The process
 
-  @doc "Starts the warden of a robot, for which `pid` has a role."
-  @spec start_link({module(), role(), pid()}) :: GenServer.on_start()
-  def start_link({robot, _role, _pid} = argument),
-    do: GenServer.start_link(__MODULE__, argument, name: name(robot))
+  @doc """
+  Starts the warden of a robot, for which `pid` has a role. `:ignore` when it runs: its supervisor may have started it anew before
+  someone who needs it could, or the other way round, and neither is a failure. One that a killed supervisor has left behind
+  is about to end, and is waited for.
+  """
+  @spec start_link({module(), role() | :nobody, pid() | nil}) :: GenServer.on_start()
+  def start_link({robot, _role, _pid} = argument) do
+    with {:error, {:already_started, warden}} <-
+           GenServer.start_link(__MODULE__, argument, name: name(robot)) do
+      if sibling?(warden), do: :ignore, else: start_after(warden, argument)
+    end
+  end
+
+  defp sibling?(warden) do
+    {:links, links} = Process.info(self(), :links)
+    warden in links
+  end
+
+  defp start_after(warden, argument) do
+    ref = Process.monitor(warden)
+    receive do: ({:DOWN, ^ref, :process, ^warden, _reason} -> start_link(argument))
+  end
 
   @doc "Starts the warden of a robot with a record, unless it runs."
   @spec resume(Record.t()) :: :ok
   def resume(%{robot: robot}) do
     persist(fn _attempt ->
-      case DynamicSupervisor.start_child(@supervisor, {__MODULE__, {robot, :nobody, nil}}) do
-        {:error, {:already_started, warden}} -> GenServer.call(warden, :resume, :infinity)
-        _started_or_forgotten -> :ok
-      end
+      _ = start(robot, :nobody, nil)
+      :ok
     end)
   end
 
@@ -140,8 +156,6 @@ defmodule BB.Safety.Warden do
   @impl GenServer
   def handle_call({:watch, role, pid}, _from, warden),
     do: {:reply, :ok, watch_role(warden, role, pid)}
-
-  def handle_call(:resume, _from, warden), do: {:reply, :ok, warden}
 
   def handle_call({:arm, ref, seen}, _from, %{record: record} = warden) do
     epoch = System.unique_integer([:positive, :monotonic])

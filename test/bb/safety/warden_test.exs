@@ -27,21 +27,24 @@ defmodule BB.Safety.WardenTest do
     end
   end
 
-  # Started by a process that does not mind how it ends.
+  # Started by a process that does not mind how it ends. What a killed root has left behind may still have its names.
   defp start(robot \\ with_brakes()) do
     test = self()
 
     spawn(fn ->
       Process.flag(:trap_exit, true)
-      send(test, {:started, robot.start_link()})
+      send(test, {:started, eventually(fn -> started(robot.start_link()) end)})
       Process.sleep(:infinity)
     end)
 
-    assert_receive {:started, {:ok, root}}, 5_000
+    assert_receive {:started, root}, 20_000
     on_exit(fn -> stop(root) end)
     assert eventually(fn -> Enum.all?(BB.Sensor.health(robot), &(&1.state == :up)) end)
     {robot, root}
   end
+
+  defp started({:ok, root}), do: root
+  defp started(_error), do: nil
 
   defp stop(root) do
     Supervisor.stop(root)
@@ -90,7 +93,7 @@ defmodule BB.Safety.WardenTest do
       {robot, root} = start()
       :ok = Safety.arm(robot)
       end_process(root, :kill)
-      {^robot, _root} = start_again(robot)
+      {^robot, _root} = start(robot)
       assert_disarmed_state(robot)
       assert_up_again(robot)
       assert runs(robot) == {1, 1}
@@ -180,7 +183,7 @@ defmodule BB.Safety.WardenTest do
     {robot, root} = start()
     {held, disarming} = hold_disarming(robot)
     end_process(root, :kill)
-    {^robot, _root} = start_again(robot)
+    {^robot, _root} = start(robot)
     assert Safety.state(robot) == :disarming
     assert Safety.arm(robot) == {:error, :disarming}
     send(held, :go_on)
@@ -198,7 +201,7 @@ defmodule BB.Safety.WardenTest do
     :ok = Safety.arm(robot)
     end_process(root, :kill)
     assert eventually(fn -> Safety.state(robot) == :error end)
-    {^robot, _root} = start_again(robot)
+    {^robot, _root} = start(robot)
     assert Safety.arm(robot) == {:error, :in_error}
     assert Safety.force_disarm(robot) == :ok
     assert Safety.arm(robot) == :ok
@@ -353,25 +356,18 @@ defmodule BB.Safety.WardenTest do
     pid
   end
 
-  defp start_again(robot) do
-    assert eventually(fn -> Process.whereis(robot) == nil end)
-    eventually(fn -> started(robot) end)
-  end
-
-  # What the killed root has left behind may still have its names.
-  defp started(robot) do
-    start(robot)
-  rescue
-    _ in ExUnit.AssertionError -> nil
-  end
-
   defp hold_disarming(robot) do
     test = self()
 
     Brake.script(robot, @a,
       disarm: fn _opts ->
+        ref = Process.monitor(test)
         send(test, {:held, self()})
-        receive do: (:go_on -> :ok)
+
+        receive do
+          :go_on -> :ok
+          {:DOWN, ^ref, _, _, _} -> :ok
+        end
       end
     )
 
