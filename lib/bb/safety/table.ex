@@ -30,8 +30,8 @@ defmodule BB.Safety.Table do
   @spec create() :: :ok
   def create do
     unless running?() do
-      :ets.new(@records, [:named_table, :public, read_concurrency: true])
-      :ets.new(@entries, [:named_table, :public, :ordered_set])
+      @records = :ets.new(@records, [:named_table, :public, read_concurrency: true])
+      @entries = :ets.new(@entries, [:named_table, :public, :ordered_set])
     end
 
     :ok
@@ -129,14 +129,13 @@ defmodule BB.Safety.Table do
   # Runs
 
   @doc "Gives each handler its turn in a round."
-  @spec prepare(module(), integer(), [handler()]) :: [run_key()]
+  @spec prepare(module(), integer(), [handler()]) :: true
   def prepare(robot, round, handlers) do
     runs =
       for {handler, n} <- Enum.with_index(handlers),
           do: {{:run, robot, round, n}, :nobody, nil, handler}
 
     :ets.insert(@entries, runs)
-    for run <- runs, do: elem(run, 0)
   end
 
   @doc "Makes the calling process the holder, which only one process becomes."
@@ -155,8 +154,8 @@ defmodule BB.Safety.Table do
   @spec run(run_key()) :: run()
   def run(key), do: @entries |> :ets.lookup(key) |> hd()
 
-  @doc "The runs of a round."
-  @spec runs(module(), integer()) :: [run()]
+  @doc "The runs of a round, or of all rounds (`:_`)."
+  @spec runs(module(), integer() | :_) :: [run()]
   def runs(robot, round),
     do: :ets.match_object(@entries, {{:run, robot, round, :_}, :_, :_, :_})
 

@@ -240,7 +240,7 @@ defmodule BB.Safety.Warden do
   end
 
   # Handlers that nobody's end has removed: of components that were started alone, or outlived their robot.
-  defp sweep(robot), do: for(handler <- Table.handlers(robot), do: Table.release(handler))
+  defp sweep(robot), do: Enum.each(Table.handlers(robot), &Table.release/1)
 
   defp unwatched(warden, role) do
     {watched, kept} =
