@@ -12,6 +12,17 @@ defmodule BB.SafetyTest do
   doctest BB.Safety
   doctest BB.Safety.Announcer
 
+  defmodule Gripper do
+    @moduledoc "An actuator that is counted as `BB.Test.Brake` is."
+    use BB.Actuator
+
+    @impl BB.Actuator
+    def init(opts), do: {:ok, opts}
+
+    @impl BB.Actuator
+    def disarm(opts), do: Brake.disarm(opts)
+  end
+
   @a [:base, :a]
   @b [:base, :b]
 
@@ -351,6 +362,52 @@ defmodule BB.SafetyTest do
       :ok = Safety.arm(robot)
       :ok = Safety.disarm(robot)
       assert runs(robot) == {1, 1}
+    end
+
+    test "may be an actuator as well" do
+      robot =
+        robot do
+          topology do
+            link :base do
+              joint :joint do
+                type :fixed
+                actuator :gripper, BB.SafetyTest.Gripper
+                link :tip
+              end
+            end
+          end
+        end
+
+      start_supervised!(robot)
+      assert eventually(fn -> BB.call(robot, :gripper, :hello) end)
+      :ok = Safety.arm(robot)
+      :ok = Safety.disarm(robot)
+      assert Brake.runs(robot, [:base, :joint, :gripper]) == 1
+    end
+
+    test "is registered anew when a parameter changes its options" do
+      robot =
+        robot do
+          parameters do
+            param :force, type: :integer, default: 1
+          end
+
+          sensors do
+            sensor :brake, {BB.Test.Brake, force: param([:force])}
+          end
+        end
+
+      test = self()
+      Brake.script(robot, [:brake], disarm: &(send(test, {:force, &1[:force]}) && :ok))
+      start_supervised!(robot)
+      assert eventually(fn -> health(robot, :brake).state == :up end)
+      :ok = BB.Parameter.set(robot, [:force], 7)
+      # It answers when it has taken on the change.
+      {:error, :not_implemented} = BB.call(robot, :brake, :hello)
+      :ok = Safety.arm(robot)
+      :ok = Safety.disarm(robot)
+      assert_received {:force, 7}
+      refute_received {:force, _}
     end
 
     test "stays registered when its process dies" do

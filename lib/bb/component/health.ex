@@ -28,7 +28,10 @@ defmodule BB.Component.Health do
   @spec list(module(), module()) :: [row()]
   def list(robot, kind) do
     registry = started!(robot)
-    for %{kind: ^kind} = component <- robot.robot().components, do: row(registry, component)
+    module = BB.Process.registry_module(robot)
+
+    for %{kind: ^kind} = component <- robot.robot().components,
+        do: row(module, registry, component)
   end
 
   @doc """
@@ -37,8 +40,9 @@ defmodule BB.Component.Health do
   @spec register(module(), Component.t(), Condition.t(), pid() | nil) :: :ok | {:error, pid()}
   def register(robot, component, condition, pid) do
     registry = BB.Process.registry_name(robot)
+    module = BB.Process.registry_module(robot)
 
-    case Registry.register(registry, key(component), to_row(component, condition, pid)) do
+    case module.register(registry, key(component), to_row(component, condition, pid)) do
       {:error, {:already_registered, other}} when other != self() -> {:error, other}
       _registered -> :ok
     end
@@ -48,10 +52,11 @@ defmodule BB.Component.Health do
   @spec put(module(), Component.t(), Condition.t(), pid() | nil) :: :ok
   def put(robot, component, condition, pid) do
     registry = BB.Process.registry_name(robot)
+    module = BB.Process.registry_module(robot)
     row = to_row(component, condition, pid)
-    _ = Registry.update_value(registry, key(component), fn _old -> row end)
+    _ = module.update_value(registry, key(component), fn _old -> row end)
     left = {condition.restarts, Condition.alarming?(condition)}
-    Registry.put_meta(registry, {:kept, component.name}, left)
+    module.put_meta(registry, {:kept, component.name}, left)
   rescue
     # The registry is being restarted; the keeper enters its row again.
     ArgumentError -> :ok
@@ -62,7 +67,10 @@ defmodule BB.Component.Health do
   """
   @spec left(module(), Component.t()) :: {non_neg_integer(), boolean()} | nil
   def left(robot, component) do
-    case Registry.meta(BB.Process.registry_name(robot), {:kept, component.name}) do
+    case BB.Process.registry_module(robot).meta(
+           BB.Process.registry_name(robot),
+           {:kept, component.name}
+         ) do
       {:ok, left} -> left
       :error -> nil
     end
@@ -70,8 +78,8 @@ defmodule BB.Component.Health do
     ArgumentError -> nil
   end
 
-  defp row(registry, component) do
-    case Registry.lookup(registry, key(component)) do
+  defp row(module, registry, component) do
+    case module.lookup(registry, key(component)) do
       [{_keeper, row}] -> row
       [] -> to_row(component, Condition.new(System.monotonic_time(:nanosecond)), nil)
     end

@@ -109,7 +109,10 @@ defmodule BB.Component.Keeper do
   def handle_info(:attach, keeper), do: keeper |> attach() |> noreply()
 
   def handle_info(:retry, %{server: nil} = keeper),
-    do: %{keeper | condition: Condition.restarted(keeper.condition)} |> start() |> noreply()
+    do:
+      %{keeper | condition: Condition.restarted(keeper.condition, now_ns())}
+      |> start()
+      |> noreply()
 
   def handle_info({:DOWN, ref, :process, _pid, _reason}, %{predecessor: ref} = keeper),
     do: %{keeper | predecessor: nil} |> start() |> noreply()
