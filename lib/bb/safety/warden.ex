@@ -60,11 +60,10 @@ defmodule BB.Safety.Warden do
   @spec secure(module()) :: :ok | {:error, term()}
   def secure(robot), do: request(robot, :secure)
 
+  # One that has a record takes no role from its start, which may be a repeated one.
   defp watched_by(robot, role, pid) do
-    case start(robot, role, pid) do
-      {:ok, _warden} -> :ok
-      :ignore -> GenServer.call(name(robot), {:watch, role, pid}, :infinity)
-    end
+    _ = start(robot, role, pid)
+    GenServer.call(name(robot), {:watch, role, pid}, :infinity)
   end
 
   defp start(robot, role, pid),
