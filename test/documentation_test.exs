@@ -94,6 +94,13 @@ defmodule DocumentationTest do
     assert [_ | _] = run("docs/guides/safety.md")
   end
 
+  test "the examples of the guide to health run one after the other" do
+    Process.flag(:trap_exit, true)
+    binding = run("docs/guides/health.md")
+    Supervisor.stop(binding[:root])
+    Supervisor.stop(binding[:buses])
+  end
+
   defp guide(document), do: Module.concat([Macro.camelize(Path.basename(document, ".md"))])
 
   # Each may name what those before it have bound.

@@ -8,7 +8,8 @@ defmodule BB.Component.Health do
   alias BB.Component.Condition
 
   @typedoc """
-  One component. `pid` is `nil` while it is down; `reason` says why it is not up; `since` is the monotonic time in
+  One component. `pid` is `nil` while it is down; `reason` says why it is not up, and `last_error` is the latest such reason, also
+  after it is up again (`nil` when there was none since its keeper was started); `since` is the monotonic time in
   nanoseconds at which it entered its state; `restarts` counts since the robot was started.
   """
   @type row :: %{
@@ -20,6 +21,7 @@ defmodule BB.Component.Health do
           pid: pid() | nil,
           restarts: non_neg_integer(),
           reason: term(),
+          last_error: term(),
           retry_in_ms: pos_integer() | nil,
           since: integer()
         }
@@ -95,6 +97,7 @@ defmodule BB.Component.Health do
       pid: pid,
       restarts: condition.restarts,
       reason: condition.reason,
+      last_error: condition.last_error,
       retry_in_ms: condition.retry_in_ms,
       since: condition.since_ns
     }
