@@ -40,6 +40,7 @@ defmodule BB.Ring do
   | `{:system, path, operation, errno}` | the operating system refused `operation`; `errno` as a number |
   | `:closed` | the publisher or subscriber was closed, or its owner has died |
   | `:message_too_large` | the message is longer than the topic's slots |
+  | `:slot_held` | a subscriber holds the slot, so that this message was dropped |
   """
 
   alias BB.Ring.Native
@@ -55,6 +56,7 @@ defmodule BB.Ring do
           | {:thread, String.t()}
           | :closed
           | :message_too_large
+          | :slot_held
 
   @typedoc """
   A topic as it stands. `published` is the number of messages so far, and so the next sequence number; `readers` are the subscribers
@@ -78,7 +80,7 @@ defmodule BB.Ring do
 
   @typedoc """
   A subscriber that is attached now. One that is not `native` is a legacy peer, of which only `index` and `next_sequence` are known; one that
-  is not `alive` was killed, and its place goes to the next that needs it.
+  is not `alive` was killed, and its place goes to the next that needs it. `leases` is how many messages it holds in their slots now.
   """
   @type reader :: %{
           index: 0..15,
@@ -86,7 +88,8 @@ defmodule BB.Ring do
           native: boolean(),
           alive: boolean(),
           next_sequence: non_neg_integer(),
-          lost: non_neg_integer()
+          lost: non_neg_integer(),
+          leases: 0..3
         }
 
   @doc "Looks at a topic without attaching to it."
@@ -123,6 +126,7 @@ defmodule BB.Ring do
   def format_error({:thread, text}), do: "no thread could be started: #{text}"
   def format_error(:closed), do: "it is closed"
   def format_error(:message_too_large), do: "the message is longer than a slot of the topic"
+  def format_error(:slot_held), do: "a subscriber holds the slot"
   def format_error(reason), do: inspect(reason)
 
   @doc false

@@ -67,7 +67,7 @@ defmodule BB.HandoffTest do
         assert {:ok, %{payload: %Imu{angular_velocity: %{x: ^x}}}} = Encoding.Imu.decode(data)
       end
 
-      assert {:ok, %{published: 5, too_large: 0}} = BB.Handoff.stats(robot, :outlet)
+      assert {:ok, %{published: 5, too_large: 0, held: 0}} = BB.Handoff.stats(robot, :outlet)
     end
 
     test "leaves messages of other payloads alone" do
@@ -86,7 +86,7 @@ defmodule BB.HandoffTest do
       BB.publish(robot, @path, imu(1.0))
 
       eventually(fn ->
-        BB.Handoff.stats(robot, :outlet) == {:ok, %{published: 1, too_large: 0}}
+        BB.Handoff.stats(robot, :outlet) == {:ok, %{published: 1, too_large: 0, held: 0}}
       end)
     end
 
@@ -99,7 +99,7 @@ defmodule BB.HandoffTest do
           for n <- 1..3, do: BB.publish(robot, @path, imu(n / 1))
 
           eventually(fn ->
-            BB.Handoff.stats(robot, :outlet) == {:ok, %{published: 0, too_large: 3}}
+            BB.Handoff.stats(robot, :outlet) == {:ok, %{published: 0, too_large: 3, held: 0}}
           end)
         end)
 

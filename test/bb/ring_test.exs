@@ -270,6 +270,16 @@ defmodule BB.RingTest do
       assert_receive {:bb_ring, ^ref, %Message{data: "still here"}}, 2000
     end
 
+    test "that is guarded survives that its file is cut off, and says so", %{topic: topic} do
+      publisher = open!(topic)
+      %{ref: ref} = subscribe!(topic, active: true, guard: :always)
+      :ok = Publisher.publish(publisher, "whole")
+      assert_receive {:bb_ring, ^ref, %Message{data: "whole"}}, 2000
+      {_, 0} = System.cmd("truncate", ["--size=0", "/dev/shm/conduit_#{topic}"])
+      assert_receive {:bb_ring, ^ref, :publisher_down}, 5000
+      # The publisher, which maps the file, is left alone from here on: it goes with this process and touches nothing.
+    end
+
     test "a topic has sixteen places, and a seventeenth subscriber is told so", %{topic: topic} do
       _publisher = open!(topic)
       for _ <- 1..16, do: subscribe!(topic)
@@ -370,6 +380,220 @@ defmodule BB.RingTest do
       for n <- 0..9, do: :ok = Publisher.publish(publisher, "#{n}")
       assert {:ok, %Message{sequence: 9, lost: 9}} = Subscriber.latest(subscriber)
       assert {:error, :empty} = Subscriber.latest(subscriber)
+    end
+  end
+
+  describe "with_frame" do
+    setup %{topic: topic} do
+      publisher = open!(topic, slot_count: 4, slot_size: 200_000)
+      {:ok, publisher: publisher, subscriber: attached!(topic)}
+    end
+
+    defp frame(n), do: :binary.copy(<<n>>, 150_000)
+
+    # The first lease of a subscription may have to be a copy.
+    defp published!(publisher, n), do: :ok = Publisher.publish(publisher, frame(n))
+
+    defp held(topic) do
+      {:ok, %{readers: readers}} = Ring.info(topic)
+      Enum.sum(for reader <- readers, do: reader.leases)
+    end
+
+    test "lends the newest message and counts those it skipped", %{
+      publisher: publisher,
+      subscriber: subscriber
+    } do
+      for n <- 0..2, do: published!(publisher, n)
+
+      assert {:ok, {2, 2, true}} =
+               Subscriber.with_frame(subscriber, fn message ->
+                 {message.sequence, message.lost, message.data == frame(2)}
+               end)
+
+      assert {:error, :empty} = Subscriber.with_frame(subscriber, &flunk(inspect(&1)))
+    end
+
+    test "holds the slot while the function runs, and no longer", %{
+      topic: topic,
+      publisher: publisher,
+      subscriber: subscriber
+    } do
+      published!(publisher, 0)
+
+      assert {:ok, :seen} =
+               Subscriber.with_frame(subscriber, fn %{data: data} ->
+                 assert held(topic) == 1
+                 for n <- 1..3, do: published!(publisher, n)
+
+                 for _ <- 1..10,
+                     do: {:error, :slot_held} = Publisher.publish(publisher, "dropped")
+
+                 assert data == frame(0)
+                 :seen
+               end)
+
+      assert held(topic) == 0
+      published!(publisher, 4)
+      assert {:ok, %{published: 5, dropped_pinned: 10}} = Ring.info(topic)
+    end
+
+    test "copies what is kept, and nothing else", %{publisher: publisher, subscriber: subscriber} do
+      :erlang.trace_pattern({BB.Ring.Native, :lease_detach, 1}, true, [:local])
+      test = self()
+
+      reader =
+        spawn_link(fn ->
+          receive do: (:go -> :ok)
+          send(test, Subscriber.with_frame(subscriber, fn %{data: <<n, _::binary>>} -> n end))
+          receive do: (:go -> :ok)
+          send(test, Subscriber.with_frame(subscriber, & &1.data))
+        end)
+
+      1 = :erlang.trace(reader, true, [:call])
+      published!(publisher, 5)
+      send(reader, :go)
+      assert_receive {:ok, 5}, 2000
+      delivered = :erlang.trace_delivered(reader)
+      assert_receive {:trace_delivered, ^reader, ^delivered}
+      refute_received {:trace, ^reader, :call, _}
+
+      published!(publisher, 6)
+      send(reader, :go)
+      assert_receive {:trace, ^reader, :call, {BB.Ring.Native, :lease_detach, _}}, 2000
+      assert_receive {:ok, data}, 2000
+      assert data == frame(6)
+    end
+
+    test "a message that is kept never changes, and its slot is free", %{
+      topic: topic,
+      publisher: publisher,
+      subscriber: subscriber
+    } do
+      kept =
+        for n <- 0..20 do
+          published!(publisher, n)
+
+          {:ok, kept} =
+            Subscriber.with_frame(subscriber, fn %{data: data} ->
+              if rem(n, 2) == 0, do: data, else: binary_part(data, 10, 100_000)
+            end)
+
+          assert held(topic) == 0
+          kept
+        end
+
+      :ok = Subscriber.close(subscriber)
+      for n <- 100..120, do: published!(publisher, n)
+      :ok = Publisher.close(publisher)
+
+      for {data, n} <- Enum.with_index(kept),
+          do: assert(data == binary_part(frame(n), 0, byte_size(data)))
+    end
+
+    test "a message that was sent elsewhere never changes, also when its reader is killed", %{
+      topic: topic,
+      publisher: publisher,
+      subscriber: subscriber
+    } do
+      published!(publisher, 7)
+      test = self()
+
+      {reader, monitor} =
+        spawn_monitor(fn ->
+          Subscriber.with_frame(subscriber, fn %{data: data} ->
+            send(test, {:frame, data})
+            Process.sleep(:infinity)
+          end)
+        end)
+
+      assert_receive {:frame, data}, 2000
+      assert held(topic) == 1
+      Process.exit(reader, :kill)
+      assert_receive {:DOWN, ^monitor, _, _, :killed}
+      assert BB.Test.Eventually.eventually(fn -> held(topic) == 0 end)
+      for n <- 10..20, do: published!(publisher, n)
+      assert data == frame(7)
+    end
+
+    test "a function that raises gives the slot back", %{
+      topic: topic,
+      publisher: publisher,
+      subscriber: subscriber
+    } do
+      published!(publisher, 1)
+
+      assert_raise RuntimeError, "on purpose", fn ->
+        Subscriber.with_frame(subscriber, fn _ -> raise "on purpose" end)
+      end
+
+      assert held(topic) == 0
+    end
+
+    test "a short message is copied and holds nothing", %{
+      topic: topic,
+      publisher: publisher,
+      subscriber: subscriber
+    } do
+      :ok = Publisher.publish(publisher, "short")
+
+      assert {:ok, "short"} =
+               Subscriber.with_frame(subscriber, fn %{data: data} ->
+                 assert held(topic) == 0
+                 data
+               end)
+    end
+
+    test "three frames of a subscriber can be lent at a time", %{
+      publisher: publisher,
+      subscriber: subscriber
+    } do
+      nest = fn nest, depth ->
+        :ok = Publisher.publish(publisher, frame(depth))
+        Subscriber.with_frame(subscriber, fn _ -> nest.(nest, depth + 1) end)
+      end
+
+      assert {:ok, {:ok, {:ok, {:error, :too_many_leases}}}} = nest.(nest, 0)
+      assert {:ok, 3} = Subscriber.with_frame(subscriber, & &1.sequence)
+    end
+
+    test "of a closed subscriber says so", %{subscriber: subscriber} do
+      :ok = Subscriber.close(subscriber)
+      assert {:error, :closed} = Subscriber.with_frame(subscriber, &flunk(inspect(&1)))
+    end
+
+    test "outlives the subscriber while it runs", %{publisher: publisher, subscriber: subscriber} do
+      published!(publisher, 5)
+
+      assert {:ok, true} =
+               Subscriber.with_frame(subscriber, fn %{data: data} ->
+                 :ok = Subscriber.close(subscriber)
+                 :ok = Publisher.close(publisher)
+                 data == frame(5)
+               end)
+    end
+
+    test "returns no frame that is thrown away to the publisher late, storm or not", %{
+      topic: topic,
+      publisher: publisher,
+      subscriber: subscriber
+    } do
+      1..4
+      |> Enum.map(fn _ ->
+        Task.async(fn ->
+          for _ <- 1..200 do
+            Subscriber.with_frame(subscriber, fn %{data: <<n, rest::binary>>} ->
+              if rem(n, 3) == 0, do: :erlang.garbage_collect()
+              assert :binary.last(rest) == n
+            end)
+          end
+        end)
+      end)
+      |> then(fn tasks ->
+        for n <- 0..255, do: Publisher.publish(publisher, frame(n))
+        Task.await_many(tasks, 20_000)
+      end)
+
+      assert held(topic) == 0
     end
   end
 

@@ -35,7 +35,8 @@ defmodule BB.Handoff.Outlet do
   It subscribes to messages of the encoding's payload and publishes each on the topic, in the order in which they come. Native processes read the
   topic without knowing the robot.
 
-  `BB.Handoff.stats/2` gives `%{published: n, too_large: n}`. A message longer than a slot is counted, and the first one is logged.
+  `BB.Handoff.stats/2` gives `%{published: n, too_large: n, held: n}`. A message longer than a slot is counted, and the first one is logged. `held` counts
+  the messages that were dropped since a subscriber held the slot.
 
   When the ring refuses (`{:ring, reason}`, see `BB.Ring`), for example since another publisher lives, the outlet goes down and comes back by
   backoff as any sensor does.
@@ -58,7 +59,15 @@ defmodule BB.Handoff.Outlet do
 
     with {:ok, _} <- BB.subscribe(robot, opts[:from], message_types: [encoding.payload()]),
          {:ok, publisher} <- open(opts) do
-      {:ok, %{publisher: publisher, encoding: encoding, path: path, published: 0, too_large: 0}}
+      {:ok,
+       %{
+         publisher: publisher,
+         encoding: encoding,
+         path: path,
+         published: 0,
+         too_large: 0,
+         held: 0
+       }}
     else
       {:error, reason} -> {:stop, {:ring, reason}}
     end
@@ -69,6 +78,7 @@ defmodule BB.Handoff.Outlet do
     case Publisher.publish(state.publisher, state.encoding.encode(message)) do
       :ok -> {:noreply, %{state | published: state.published + 1}}
       {:error, :message_too_large} -> {:noreply, count_too_large(state)}
+      {:error, :slot_held} -> {:noreply, %{state | held: state.held + 1}}
       {:error, reason} -> {:stop, {:shutdown, {:ring, reason}}, state}
     end
   end
@@ -77,7 +87,7 @@ defmodule BB.Handoff.Outlet do
 
   @impl BB.Sensor
   def handle_call(:stats, _from, state),
-    do: {:reply, Map.take(state, [:published, :too_large]), state}
+    do: {:reply, Map.take(state, [:published, :too_large, :held]), state}
 
   def handle_call(_request, _from, state), do: {:reply, {:error, :not_implemented}, state}
 

@@ -4,7 +4,7 @@ defmodule BB.Ring.Message do
 
     * `sequence`: its number on the topic, from 0; a gap means lost messages
     * `timestamp_ns`: when it was published, on the ring's clock (`BB.Ring.now_ns/0`)
-    * `data`: the bytes, a copy that stays what it is
+    * `data`: the bytes; they stay what they are
     * `lost`: how many messages this subscriber lost since the one before
   """
 

@@ -23,5 +23,9 @@ defmodule BB.Ring.Native do
   def subscriber_cancel(_subscriber, _id), do: not_loaded()
   def subscriber_close(_subscriber), do: not_loaded()
 
+  def lease_message(_lease), do: not_loaded()
+  def lease_release(_lease), do: not_loaded()
+  def lease_detach(_lease), do: not_loaded()
+
   defp not_loaded, do: :erlang.nif_error(:not_loaded)
 end

@@ -71,11 +71,12 @@ defmodule BB.Ring.Publisher do
   end
 
   @doc """
-  Publishes one message: `:ok`, `{:error, :message_too_large}` (nothing was written) or `{:error, :closed}`.
+  Publishes one message: `:ok`, `{:error, :message_too_large}` (nothing was written), `{:error, :slot_held}` (a subscriber holds the slot, see
+  `BB.Ring.Subscriber.with_frame/2`: this message is dropped and counted) or `{:error, :closed}`.
 
   The bytes of `iodata` are gathered straight into the slot. A message of more than 64 KiB is copied on a dirty scheduler.
   """
-  @spec publish(t(), iodata()) :: :ok | {:error, :message_too_large | :closed}
+  @spec publish(t(), iodata()) :: :ok | {:error, :message_too_large | :slot_held | :closed}
   def publish(%__MODULE__{handle: handle} = publisher, data)
       when is_binary(data) and byte_size(data) <= @normal_limit do
     case Native.publish_binary(handle, data) do

@@ -17,6 +17,12 @@ defmodule BB.Ring.Subscriber do
               default: :all,
               doc:
                 "`:all` messages in order, or only the `:latest` at each read; those skipped are counted in `lost`."
+            ],
+            guard: [
+              type: {:in, [:auto, :always, :never]},
+              default: :auto,
+              doc:
+                "Guarded reading: a file that another process cuts off is an error then, where it would kill the VM (SIGBUS). Costs a few system calls a message. `:auto`: of topics that belong to another user."
             ]
           )
 
@@ -68,7 +74,7 @@ defmodule BB.Ring.Subscriber do
     ref = make_ref()
 
     with {:ok, handle} <-
-           Native.subscriber_open(topic, ref, Map.new(Keyword.take(opts, [:start, :policy]))) do
+           Native.subscriber_open(topic, ref, Map.new(Keyword.take(opts, [:start, :policy, :guard]))) do
       subscriber = %__MODULE__{handle: handle, ref: ref, topic: topic}
       _ = active(subscriber, opts[:active])
       {:ok, subscriber}
@@ -119,6 +125,44 @@ defmodule BB.Ring.Subscriber do
     end
   end
 
+  @doc """
+  Lends `fun` the newest message that was not read yet, without copying it: `{:ok, what_fun_returned}`.
+
+      {:ok, brightness} =
+        BB.Ring.Subscriber.with_frame(subscriber, fn %BB.Ring.Message{data: <<_header::binary-44, pixels::binary>>} ->
+          brightness(pixels)
+        end)
+
+  For large messages, as camera frames are: those before the newest are skipped and counted as lost, as by `latest/1`. Up to 64 KiB a
+  message is copied, which costs less than to lend it.
+
+  While `fun` runs, the publisher leaves the message's slot alone. It waits for nobody: once it has gone round the ring it drops its *new*
+  messages until `fun` returns (`{:error, :slot_held}` to it, `dropped_pinned` in `BB.Ring.info/1`). So `fun` should take less time than the
+  ring has slots, less one, times the topic's period.
+
+  The slot is given back when `fun` returns or raises, or when the process dies. `message.data` and its parts may be kept, returned or sent: they
+  never change, like any binary. What is kept is copied at the end, which costs several times as much as `latest/1`. To learn whether something is, the calling
+  process is garbage-collected first if its heap is smaller than the message. So call this from a process with a small heap, and take
+  what `fun` needs out of the frame rather than parts of it.
+
+  Errors: `:empty` when there is no new message; `:too_many_leases` when three frames of this subscriber are lent already (to other processes
+  or around this call); `:closed`.
+
+  A topic whose publisher does not know of leases (a legacy one), or runs as another user, is copied instead.
+  """
+  @spec with_frame(t(), (Message.t() -> result)) ::
+          {:ok, result} | {:error, :empty | :too_many_leases | :closed}
+        when result: term()
+  def with_frame(%__MODULE__{handle: handle, ref: ref}, fun) when is_function(fun, 1) do
+    with {:ok, id} <- Native.subscriber_request(handle, :frame) do
+      receive do
+        {:bb_ring_reply, ^ref, ^id, {:ok, %Message{} = copy}} -> {:ok, fun.(copy)}
+        {:bb_ring_reply, ^ref, ^id, {:ok, lease}} -> lend(lease, Native.lease_message(lease), fun)
+        {:bb_ring_reply, ^ref, ^id, {:error, reason}} -> {:error, reason}
+      end
+    end
+  end
+
   @doc "Ends the subscription. No message of it comes after this returns; those of the caller's mailbox are removed."
   @spec close(t()) :: :ok
   def close(%__MODULE__{handle: handle, ref: ref}) do
@@ -139,6 +183,33 @@ defmodule BB.Ring.Subscriber do
   def check_active(other) do
     {:error,
      "expected true, false, :once or a number from -32768 to 32767, got: #{inspect(other)}"}
+  end
+
+  # Nothing here may refer to the message once `fun` has it: it would count as kept.
+  defp lend(lease, message, fun) do
+    size = byte_size(message.data)
+
+    try do
+      {:ok, fun.(message)}
+    after
+      give_back(lease, size)
+    end
+  end
+
+  defp give_back(lease, size) do
+    Native.lease_release(lease) || (collect(size) && Native.lease_release(lease)) ||
+      Native.lease_detach(lease)
+  end
+
+  # A heap that is larger than the message costs more to collect than the message to copy.
+  defp collect(size) do
+    {:total_heap_size, words} = Process.info(self(), :total_heap_size)
+
+    if words * :erlang.system_info(:wordsize) <= size do
+      :erlang.garbage_collect()
+      # The scheduler tells the binary's owner of its end between two processes.
+      :erlang.yield()
+    end
   end
 
   # The answer may be on its way: it is taken, lest a message be lost.

@@ -9,8 +9,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use conduit_ring::{
-    Geometry, Policy, Publisher, PublisherOptions, Read, Start, Subscriber, SubscriberOptions,
-    Topic, clock,
+    Geometry, Policy, Publisher, PublisherOptions, Read, Subscriber, SubscriberOptions, Topic,
+    clock,
 };
 
 const LARGE: usize = 2_000_000;
@@ -28,8 +28,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         },
     )?;
     let options = SubscriberOptions {
-        start: Start::New,
         policy: Policy::Latest,
+        ..Default::default()
     };
     let mut subscriber = Subscriber::open(&topic, &options)?;
     let message: Vec<u8> = (0..=255).cycle().take(LARGE).collect();

@@ -70,12 +70,20 @@ pub(crate) fn map(
     })
 }
 
-/// Opens, checks and maps a topic; `None` when there is no file.
-pub(crate) fn attach(topic: &Topic, access: Access) -> Result<Option<Attached>, Error> {
+/// Opens and checks a topic; `None` when there is no file.
+pub(crate) fn open(topic: &Topic, access: Access) -> Result<Option<(Segment, Header)>, Error> {
     let Some(segment) = open_file(topic, access)? else {
         return Ok(None);
     };
     let header = read_header(topic, &segment)?.map_err(|fault| bad(topic, fault))?;
+    Ok(Some((segment, header)))
+}
+
+/// Opens, checks and maps a topic; `None` when there is no file.
+pub(crate) fn attach(topic: &Topic, access: Access) -> Result<Option<Attached>, Error> {
+    let Some((segment, header)) = open(topic, access)? else {
+        return Ok(None);
+    };
     map(topic, segment, header, access, false).map(Some)
 }
 

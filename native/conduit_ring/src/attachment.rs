@@ -2,17 +2,23 @@
 
 use std::io;
 use std::sync::Arc;
+use std::time::Duration;
 
 use crate::attach::{self, Attached};
-use crate::claim::{Claim, Claimant};
 use crate::error::{Error, Fault};
+use crate::guarded::{Guard, Guarded};
 use crate::header::{FIXED_LEN, Header, Origin};
-use crate::layout::{ReaderLine, STATE, STATE_LIVE, WRITER_EPOCH, WRITER_PID};
+use crate::layout::{At32, PUBLISHER_LOCK, STATE, STATE_LIVE, WRITER_EPOCH, WRITER_PID};
+use crate::lease::Lease;
+use crate::line::{Line, Ticket};
 use crate::memory::Memory;
-use crate::reader::{Dialect, Meta, Policy, Reader, Sink, Start};
-use crate::segment::{self, Access, Name};
+use crate::pins::{self, Announced};
+use crate::reader::{Dialect, Meta, Policy, Reader, Sink, Source, Start};
+use crate::segment::{Access, Name, Segment};
 use crate::sync::Ordering::{Acquire, Relaxed};
 use crate::topic::Topic;
+use crate::wait;
+use crate::waker::Alarm;
 
 /// Whether there is something to expect from a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,6 +38,15 @@ pub(crate) enum Part {
     Reader,
     /// Without a trace: the mapping is read-only.
     Observer,
+}
+
+impl Part {
+    fn access(self) -> Access {
+        match self {
+            Part::Reader => Access::Write,
+            Part::Observer => Access::Read,
+        }
+    }
 }
 
 /// Which publisher a segment has, or had last. Differs between any two.
@@ -66,10 +81,67 @@ pub(crate) struct Past {
 }
 
 pub(crate) struct Attachment {
-    attached: Attached,
-    /// `None` of an observer's.
-    claim: Option<Claim>,
+    way: Way,
+    header: Header,
     reader: Reader,
+    /// What is known since the first lease.
+    announced: Option<Announced>,
+}
+
+/// How a segment is read.
+enum Way {
+    Mapped {
+        attached: Arc<Attached>,
+        /// `None` of an observer's.
+        line: Option<Arc<Line>>,
+    },
+    Guarded(Arc<Guarded>),
+}
+
+impl Way {
+    fn open(
+        topic: &Topic,
+        part: Part,
+        guard: Guard,
+        segment: Segment,
+        header: Header,
+    ) -> Result<Way, Error> {
+        let guarded = guard
+            .applies(&segment)
+            .map_err(Error::os("stat", topic.path()))?;
+        if guarded {
+            let guarded = Guarded::open(topic, segment, header, part.access())?;
+            return Ok(Way::Guarded(Arc::new(guarded)));
+        }
+        let attached = Arc::new(attach::map(topic, segment, header, part.access(), false)?);
+        Ok(Way::Mapped {
+            attached,
+            line: None,
+        })
+    }
+
+    fn segment(&self) -> &Segment {
+        match self {
+            Way::Mapped { attached, .. } => &attached.segment,
+            Way::Guarded(guarded) => &guarded.segment,
+        }
+    }
+
+    fn load32(&self, at: At32) -> u32 {
+        match self {
+            // Acquire: meets the Release with which a publisher closes or retires.
+            Way::Mapped { attached, .. } => attached.memory.u32(at).load(Acquire),
+            Way::Guarded(guarded) => guarded.load32(at),
+        }
+    }
+
+    /// Observers have no line, and guarded readers claim none.
+    fn claim(&mut self, topic: &Topic, part: Part) -> Result<(), Error> {
+        if let (Way::Mapped { attached, line }, Part::Reader) = (self, part) {
+            *line = Some(Line::claim(topic, attached)?);
+        }
+        Ok(())
+    }
 }
 
 impl Attachment {
@@ -77,14 +149,11 @@ impl Attachment {
     pub(crate) fn open(
         topic: &Topic,
         part: Part,
+        guard: Guard,
         beginning: Beginning,
     ) -> Result<Option<Attachment>, Error> {
-        let access = match part {
-            Part::Reader => Access::Write,
-            Part::Observer => Access::Read,
-        };
-        let attached = match attach::attach(topic, access) {
-            Ok(Some(attached)) => attached,
+        let (segment, header) = match attach::open(topic, part.access()) {
+            Ok(Some(found)) => found,
             Ok(None)
             | Err(Error::BadSegment {
                 fault: Fault::NotReady,
@@ -92,52 +161,40 @@ impl Attachment {
             }) => return Ok(None),
             Err(error) => return Err(error),
         };
-        if is_native(&attached) && !is_live(&attached) {
+        let mut way = Way::open(topic, part, guard, segment, header)?;
+        if is_native(&header) && way.load32(STATE) != STATE_LIVE {
             return Ok(None);
         }
-        let claim = match part {
-            Part::Reader => Some(claim(topic, &attached)?),
-            Part::Observer => None,
-        };
-        let dialect = if is_native(&attached) {
-            Dialect::Native
-        } else {
-            Dialect::Legacy
-        };
-        let reader = match beginning {
-            Beginning::At(start) => Reader::begin(&attached.memory, dialect, start),
-            Beginning::After(past) => {
-                let known =
-                    past.instance_id.is_some() && past.instance_id == instance_id(&attached.header);
-                Reader::resume(dialect, if known { past.cursor } else { 0 }, past.lost)
-            }
+        way.claim(topic, part)?;
+        let reader = match &way {
+            Way::Mapped { attached, .. } => begin(&*attached.memory, &header, beginning),
+            Way::Guarded(guarded) => begin(&**guarded, &header, beginning),
         };
         Ok(Some(Attachment {
-            attached,
-            claim,
+            way,
+            header,
             reader,
+            announced: None,
         }))
     }
 
-    pub(crate) fn memory(&self) -> &Arc<Memory> {
-        &self.attached.memory
+    /// What wakes those who sleep on the segment.
+    pub(crate) fn alarm(&self) -> Arc<dyn Alarm> {
+        match &self.way {
+            Way::Mapped { attached, .. } => attached.memory.clone(),
+            Way::Guarded(guarded) => guarded.clone(),
+        }
     }
 
     pub(crate) fn header(&self) -> &Header {
-        &self.attached.header
-    }
-
-    /// The reader line that is held; `None` of an observer's.
-    pub(crate) fn line(&self) -> Option<ReaderLine> {
-        self.claim.map(|claim| claim.line)
+        &self.header
     }
 
     pub(crate) fn incarnation(&self) -> Incarnation {
-        let memory = &self.attached.memory;
         Incarnation {
-            instance_id: instance_id(&self.attached.header).unwrap_or(0),
-            epoch: memory.u32(WRITER_EPOCH).load(Relaxed),
-            pid: memory.u32(WRITER_PID).load(Relaxed),
+            instance_id: instance_id(&self.header).unwrap_or(0),
+            epoch: self.way.load32(WRITER_EPOCH),
+            pid: self.way.load32(WRITER_PID),
         }
     }
 
@@ -147,20 +204,59 @@ impl Attachment {
 
     pub(crate) fn past(&self) -> Past {
         Past {
-            instance_id: instance_id(&self.attached.header),
+            instance_id: instance_id(&self.header),
             cursor: self.reader.cursor(),
             lost: self.reader.lost_since_delivery(),
         }
     }
 
+    /// Sleeps until there is news, or for no reason.
+    pub(crate) fn sleep(&self, timeout: Duration, news: impl FnOnce() -> bool) {
+        match &self.way {
+            Way::Mapped {
+                attached,
+                line: Some(line),
+            } => wait::sleep(&attached.memory, line.number(), timeout, news),
+            Way::Mapped {
+                attached,
+                line: None,
+            } => wait::sleep_unseen(&attached.memory, timeout, news),
+            Way::Guarded(guarded) => guarded.sleep(timeout, news),
+        }
+    }
+
     #[inline]
-    pub(crate) fn next(&mut self, policy: Policy, sink: &mut impl Sink) -> Option<Meta> {
+    pub(crate) fn next(
+        &mut self,
+        topic: &Topic,
+        policy: Policy,
+        sink: &mut impl Sink,
+    ) -> Result<Option<Meta>, Error> {
         let lost_before = self.reader.lost_total();
-        let memory = &self.attached.memory;
-        let meta = self.reader.next(memory, policy, sink);
-        let Some(line) = self.line() else {
-            return meta;
+        match &self.way {
+            Way::Mapped { attached, .. } => {
+                let meta = self.reader.next(&*attached.memory, policy, sink);
+                self.show(lost_before);
+                Ok(meta)
+            }
+            Way::Guarded(guarded) => {
+                let meta = self.reader.next(&**guarded, policy, sink);
+                guarded.check(topic).map(|()| meta)
+            }
+        }
+    }
+
+    /// Shows in the line how far the reader is.
+    #[inline]
+    fn show(&self, lost_before: u64) {
+        let Way::Mapped {
+            attached,
+            line: Some(line),
+        } = &self.way
+        else {
+            return;
         };
+        let (memory, line) = (&attached.memory, line.number());
         memory
             .u64(line.read_idx())
             .store(self.reader.cursor(), Relaxed);
@@ -169,54 +265,159 @@ impl Attachment {
                 .u64(line.lost_count())
                 .store(self.reader.lost_total(), Relaxed);
         }
-        meta
+    }
+
+    /// As [`Attachment::next`], without a copy where the publisher respects a hold.
+    pub(crate) fn lease(&mut self, topic: &Topic, policy: Policy) -> Result<Option<Lease>, Error> {
+        if !self.has_news() {
+            return Ok(None);
+        }
+        match &self.way {
+            Way::Mapped {
+                attached,
+                line: Some(line),
+            } if is_native(&self.header) => {
+                let (attached, line) = (attached.clone(), line.clone());
+                self.lease_slot(topic, policy, &attached.memory, &line)
+            }
+            _ => {
+                let mut copy = Copied::default();
+                let meta = self.next(topic, policy, &mut copy)?;
+                Ok(meta.map(|meta| copy.into_lease(meta, topic)))
+            }
+        }
+    }
+
+    fn lease_slot(
+        &mut self,
+        topic: &Topic,
+        policy: Policy,
+        memory: &Memory,
+        line: &Arc<Line>,
+    ) -> Result<Option<Lease>, Error> {
+        let ticket = Ticket::take(line).ok_or_else(|| Error::TooManyLeases {
+            path: topic.path().to_owned(),
+        })?;
+        let view = ticket
+            .borrow_view()
+            .map_err(Error::os("map", topic.path()))?;
+        let announced = *self
+            .announced
+            .get_or_insert_with(|| pins::announce(memory, line.number()));
+        let lost_before = self.reader.lost_total();
+        let mut copy = Copied::default();
+        let taken = self.reader.search(memory, policy, |reader| {
+            let held = announced.protects(memory, reader.cursor());
+            let meta = if held {
+                reader.take_pinned(memory, ticket.pin())
+            } else {
+                reader.take(memory, &mut copy)
+            };
+            meta.map(|meta| (meta, held))
+        });
+        self.show(lost_before);
+        Ok(match taken {
+            Some((meta, true)) => {
+                let at = self.header.geometry.slot_offset(meta.sequence);
+                let path = topic.path().to_owned();
+                Some(Lease::of_slot(meta, ticket, view, at, path))
+            }
+            Some((meta, false)) => {
+                ticket.return_view(view);
+                Some(copy.into_lease(meta, topic))
+            }
+            None => {
+                ticket.return_view(view);
+                None
+            }
+        })
     }
 
     pub(crate) fn has_news(&self) -> bool {
-        self.reader.has_news(&self.attached.memory)
+        match &self.way {
+            Way::Mapped { attached, .. } => self.reader.has_news(&*attached.memory),
+            // Trouble is news.
+            Way::Guarded(guarded) => self.reader.has_news(&**guarded) || guarded.is_broken(),
+        }
     }
 
-    /// Whether the state that stands in the segment says that its publisher goes on. Cheap: no system call.
+    /// Whether the file has turned out to be unreadable.
+    pub(crate) fn is_broken(&self) -> bool {
+        matches!(&self.way, Way::Guarded(guarded) if guarded.is_broken())
+    }
+
+    /// Whether the state that stands in the segment says that its publisher goes on. Cheap.
     pub(crate) fn says_live(&self) -> bool {
-        !is_native(&self.attached) || is_live(&self.attached)
+        !is_native(&self.header) || self.way.load32(STATE) == STATE_LIVE
     }
 
     /// Looks whether the publisher lives and the topic is still this segment.
     pub(crate) fn life(&self, topic: &Topic) -> io::Result<Life> {
-        let header = self.attached.segment.head::<FIXED_LEN>()?;
-        let len = self.attached.segment.len()?;
-        let unchanged =
-            header.is_some_and(|bytes| Header::decode(&bytes, len) == Ok(self.attached.header));
+        let segment = self.way.segment();
+        let header = segment.head::<FIXED_LEN>()?;
+        let len = segment.len()?;
+        let unchanged = header.is_some_and(|bytes| Header::decode(&bytes, len) == Ok(self.header));
         if !unchanged || !self.says_live() {
             return Ok(Life::Over);
         }
-        let name = self.attached.segment.name(topic.path())?;
-        let alive = self.attached.has_live_publisher()?;
-        Ok(judge(is_native(&self.attached), alive, name))
+        let name = segment.name(topic.path())?;
+        let alive = segment.is_locked(PUBLISHER_LOCK)?;
+        Ok(judge(is_native(&self.header), alive, name))
     }
 
     /// Claims a line again if the claim was wiped: a legacy publisher that starts anew clears the header.
     pub(crate) fn renew_claim(&mut self, topic: &Topic) -> Result<(), Error> {
-        let stands = |claim: Claim| claim.stands(&self.attached.memory);
-        if self.claim.is_none_or(stands) {
+        let Way::Mapped {
+            attached,
+            line: Some(line),
+        } = &mut self.way
+        else {
+            return Ok(());
+        };
+        if line.stands() {
             return Ok(());
         }
-        self.release().map_err(Error::os("unlock", topic.path()))?;
-        self.claim = Some(claim(topic, &self.attached)?);
+        line.give_up().map_err(Error::os("unlock", topic.path()))?;
+        self.announced = None;
+        *line = Line::claim(topic, attached)?;
         Ok(())
-    }
-
-    fn release(&self) -> io::Result<()> {
-        self.claim.map_or(Ok(()), |claim| {
-            claim.release(&self.attached.memory, &self.attached.segment)
-        })
     }
 }
 
-impl Drop for Attachment {
-    fn drop(&mut self) {
-        // Closing the file frees the lock in any case.
-        let _ = self.release();
+fn begin(source: &impl Source, header: &Header, beginning: Beginning) -> Reader {
+    let dialect = if is_native(header) {
+        Dialect::Native
+    } else {
+        Dialect::Legacy
+    };
+    match beginning {
+        Beginning::At(start) => Reader::begin(source, dialect, start),
+        Beginning::After(past) => {
+            let known = past.instance_id.is_some() && past.instance_id == instance_id(header);
+            Reader::resume(dialect, if known { past.cursor } else { 0 }, past.lost)
+        }
+    }
+}
+
+/// A copy of a message for a lease.
+#[derive(Default)]
+struct Copied(Vec<u8>);
+
+impl Copied {
+    fn into_lease(mut self, meta: Meta, topic: &Topic) -> Lease {
+        // The sink made it as long as the message; a later try may have asked for less.
+        self.0.truncate(meta.len);
+        Lease::of_copy(meta, self.0.into_boxed_slice(), topic.path().to_owned())
+    }
+}
+
+// SAFETY: the vector is as long as was asked for, at least, and stays in place until the next call.
+unsafe impl Sink for Copied {
+    fn room(&mut self, len: usize) -> *mut u8 {
+        if self.0.len() < len {
+            self.0.resize(len, 0);
+        }
+        self.0.as_mut_ptr()
     }
 }
 
@@ -229,19 +430,6 @@ fn judge(native: bool, alive: bool, name: Name) -> Life {
     }
 }
 
-fn claim(topic: &Topic, attached: &Attached) -> Result<Claim, Error> {
-    let who = Claimant {
-        id: segment::random_id().map_err(Error::os("getrandom", topic.path()))?,
-        pid: std::process::id(),
-        start_time: segment::process_start_time(),
-    };
-    Claim::take(&attached.memory, &attached.segment, who)
-        .map_err(Error::os("lock", topic.path()))?
-        .ok_or_else(|| Error::NoReaderSlot {
-            path: topic.path().to_owned(),
-        })
-}
-
 fn instance_id(header: &Header) -> Option<u64> {
     match header.origin {
         Origin::Native { instance_id } => Some(instance_id),
@@ -249,13 +437,8 @@ fn instance_id(header: &Header) -> Option<u64> {
     }
 }
 
-fn is_native(attached: &Attached) -> bool {
-    attached.header.origin != Origin::Legacy
-}
-
-fn is_live(attached: &Attached) -> bool {
-    // Acquire: meets the Release with which a publisher closes or retires.
-    attached.memory.u32(STATE).load(Acquire) == STATE_LIVE
+fn is_native(header: &Header) -> bool {
+    header.origin != Origin::Legacy
 }
 
 #[cfg(test)]

@@ -86,14 +86,39 @@ pub(crate) fn prepare(memory: &Memory) {
 /// Gives up every line whose native reader died. The caller holds no line.
 pub(crate) fn reclaim_leaked(memory: &Memory, locks: &impl LineLocks) -> io::Result<()> {
     for line in ReaderLine::all() {
-        if is_native_claim(memory, line) && locks.try_lock(line)? {
+        let leaked = is_native_claim(memory, line) || waits_unclaimed(memory, line);
+        if leaked && locks.try_lock(line)? {
             if is_native_claim(memory, line) {
                 clear(memory, line);
+            } else {
+                memory.u32(WAITING_MASK).fetch_and(!line.bit(), Relaxed);
             }
             locks.unlock(line)?;
         }
     }
     Ok(())
+}
+
+/// Takes the pins of those of these lines (bits) whose readers died; whether there was one.
+pub(crate) fn reclaim_pins(
+    memory: &Memory,
+    locks: &impl LineLocks,
+    lines: u32,
+) -> io::Result<bool> {
+    let mut reclaimed = false;
+    for line in ReaderLine::all().filter(|line| lines & line.bit() != 0) {
+        if !locks.try_lock(line)? {
+            continue;
+        }
+        if is_native_claim(memory, line) {
+            clear(memory, line);
+        } else {
+            memory.u32(PIN_MASK).fetch_and(!line.bit(), Relaxed);
+        }
+        locks.unlock(line)?;
+        reclaimed = true;
+    }
+    Ok(reclaimed)
 }
 
 /// Takes a line whose lock is held and whose bit was clear; `false` when a legacy reader was quicker.
@@ -131,6 +156,11 @@ fn clear(memory: &Memory, line: ReaderLine) {
 
 fn is_set(memory: &Memory, line: ReaderLine) -> bool {
     memory.u32(SUBSCRIBER_MASK).load(Acquire) & line.bit() != 0
+}
+
+/// What a guarded reader that sleeps looks like: it claims nothing but the lock.
+fn waits_unclaimed(memory: &Memory, line: ReaderLine) -> bool {
+    memory.u32(WAITING_MASK).load(Relaxed) & line.bit() != 0 && !is_set(memory, line)
 }
 
 /// Whether a set bit was set by a native reader, be it in the midst of claiming or giving up.

@@ -35,6 +35,11 @@ pub enum Error {
         /// The segment's file.
         path: PathBuf,
     },
+    /// The subscriber has as many leases as it may have.
+    TooManyLeases {
+        /// The segment's file.
+        path: PathBuf,
+    },
     /// There is no such topic.
     NoTopic {
         /// The file that is not there.
@@ -97,6 +102,13 @@ impl fmt::Display for Error {
             ),
             Error::NoReaderSlot { path } => {
                 write!(f, "{}: all 16 reader slots are taken", path.display())
+            }
+            Error::TooManyLeases { path } => {
+                write!(
+                    f,
+                    "{}: this subscriber has 3 leases already",
+                    path.display()
+                )
             }
             Error::NoTopic { path } => write!(f, "{}: there is no such topic", path.display()),
             Error::BadSegment { path, fault } => write!(f, "{}: {fault}", path.display()),
@@ -163,6 +175,9 @@ pub enum PublishError {
         /// The longest that fits.
         max: usize,
     },
+    /// A subscriber's [`Lease`](crate::Lease) holds the message that this one would overwrite. It was dropped and counted;
+    /// the next one gets the same number.
+    SlotHeld,
 }
 
 impl fmt::Display for PublishError {
@@ -171,6 +186,7 @@ impl fmt::Display for PublishError {
             PublishError::TooLarge { len, max } => {
                 write!(f, "the message has {len} bytes and a slot holds {max}")
             }
+            PublishError::SlotHeld => f.write_str("a subscriber holds the slot"),
         }
     }
 }

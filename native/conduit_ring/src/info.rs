@@ -12,6 +12,7 @@ use crate::layout::{
     WRITER_EPOCH, WRITER_PID,
 };
 use crate::memory::Memory;
+use crate::pins;
 use crate::reader;
 use crate::segment::Access;
 use crate::sync::Ordering::{Acquire, Relaxed};
@@ -53,6 +54,8 @@ pub struct Reader {
     pub next_sequence: u64,
     /// Messages it has lost.
     pub lost: u64,
+    /// Messages it holds in their slots.
+    pub leases: u32,
 }
 
 /// What there is to know about a topic, at one moment.
@@ -156,5 +159,6 @@ fn reader_of(attached: &Attached, line: ReaderLine) -> Option<Reader> {
         pid: memory.u32(line.pid()).load(Relaxed),
         next_sequence: memory.u64(line.read_idx()).load(Relaxed),
         lost: memory.u64(line.lost_count()).load(Relaxed),
+        leases: pins::count(memory, line),
     })
 }

@@ -59,8 +59,10 @@
 //! # When not to use it
 //!
 //! - When every message must arrive: a slow subscriber loses messages and the publisher does not slow down.
-//! - Between machines, or between users who do not trust each other: whoever may write the file may shorten it, and that
-//!   is a SIGBUS for all who have it mapped.
+//! - Between machines.
+//! - To publish between users who do not trust each other: whoever may write the file may shorten it, and that is a SIGBUS
+//!   for all who have it mapped. Subscribers of another user's topic are safe from that ([`Guard`]), publishers and
+//!   [`Info::read`] are not.
 //! - For several publishers of one topic: the second is refused. Use a topic for each.
 //! - Across `fork` without `exec`: the child shares its parent's locks and would keep a dead parent's topic locked.
 //!
@@ -83,6 +85,7 @@ mod geometry;
 mod layout;
 #[cfg_attr(loom, path = "memory_model.rs")]
 mod memory;
+mod pins;
 mod reader;
 mod sync;
 mod wait;
@@ -107,11 +110,19 @@ mod copy;
 #[cfg(not(loom))]
 mod create;
 #[cfg(not(loom))]
+mod guarded;
+#[cfg(not(loom))]
 mod header;
 #[cfg(not(loom))]
 mod info;
 #[cfg(not(loom))]
+mod lease;
+#[cfg(not(loom))]
+mod line;
+#[cfg(not(loom))]
 mod listing;
+#[cfg(not(loom))]
+mod loan;
 #[cfg(not(loom))]
 mod observer;
 #[cfg(not(loom))]
@@ -134,8 +145,11 @@ pub use topic::Topic;
 #[cfg(not(loom))]
 pub use {
     attachment::Incarnation,
+    guarded::Guard,
     info::{Info, Reader, State},
+    lease::Lease,
     listing::Listing,
+    loan::Loan,
     observer::{Observer, ObserverOptions},
     publisher::{Publisher, PublisherOptions},
     subscriber::{Read, Received, Stats, Subscriber, SubscriberOptions, Wait},

@@ -13,11 +13,19 @@
 //! | the release fence in `Writer::begin` | `a_torn_message_is_never_accepted` |
 //! | the lap bound of `Reader::is_overwritten` by one, native | `a_torn_message_is_never_accepted` |
 //! | the lap bound of `Reader::is_overwritten` by one, legacy | `a_torn_message_of_a_legacy_publisher_is_never_accepted` |
-//! | the SeqCst fence in `notify` | `a_sleeper_is_always_woken` |
+//! | the SeqCst fence in `sync::add_one_and_fence`, behind the bump of `notify` | `a_sleeper_is_always_woken` |
 //! | the order in `claim::clear`: mask bit before native bit | `a_legacy_successor_of_a_bit_is_woken` |
 //! | the second look under the lock in `claim::reclaim_leaked` | `reclaiming_spares_a_legacy_successor` |
 //! | `write_intent` announced too low by one | `a_torn_message_is_never_accepted` |
 //! | `write_intent` set back to `write_idx` at a takeover | `a_successor_goes_on_at_the_same_number…` |
+//! | the SeqCst fence in `pins::pin` | `a_pinned_message_stays_as_it_is` |
+//! | the SeqCst fence in `pins::holders` | `a_pinned_message_stays_as_it_is` |
+//! | the SeqCst fence in `pins::announce` | `a_first_pin_is_seen_or_not_set` |
+//! | `Announced::protects` always true | `a_first_pin_is_seen_or_not_set` |
+//! | the Release in `pins::unpin` | `a_slot_is_overwritten_after_the_last_look_at_it` |
+//! | the Acquire in `pins::holds` | `a_slot_is_overwritten_after_the_last_look_at_it` |
+//! | `write_intent` taken back although something was begun | `what_a_loan_left_behind_is_never_accepted` |
+//! | the SeqCst fence in `Writer::resume` | `a_first_pin_is_seen_by_a_successor` |
 //!
 //! The SeqCst fence in `wait::sleep` has no line: the kernel has a full barrier of its own between the waiting bit and
 //! its look at the futex word. The fence makes the protocol sound without counting on that.
@@ -25,17 +33,19 @@
 use std::io;
 use std::time::Duration;
 
+use loom::cell::UnsafeCell;
 use loom::model::Builder;
 use loom::sync::Arc;
 use loom::thread;
 
-use crate::claim::{Claim, Claimant, LineLocks, prepare, reclaim_leaked};
+use crate::claim::{Claim, Claimant, LineLocks, prepare, reclaim_leaked, reclaim_pins};
 use crate::geometry::Geometry;
 use crate::layout::{
-    FUTEX_WORD, NATIVE_MASK, ReaderLine, SLOT_LEN, SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI,
-    SLOT_TIME_LO, SUBSCRIBER_MASK, WRITE_IDX,
+    DROPPED_PINNED, FUTEX_WORD, NATIVE_MASK, PIN_MASK, ReaderLine, SLOT_LEN, SLOT_SEQ_HI,
+    SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO, SUBSCRIBER_MASK, WRITE_IDX,
 };
 use crate::memory::Memory;
+use crate::pins::{self, Announced};
 use crate::reader::{Dialect, Meta, Policy, Reader, Sink};
 use crate::sync::{AtomicU32, Ordering, fence};
 use crate::wait;
@@ -58,7 +68,7 @@ fn two_slots() -> Arc<Memory> {
 /// Payload and time of a message say its number in two ways.
 fn publish(writer: &mut Writer, memory: &Memory) {
     let n = writer.next();
-    writer.publish(memory, &[&payload(n)], time(n));
+    writer.publish(memory, &[&payload(n)], time(n)).unwrap();
 }
 
 fn payload(n: u64) -> [u8; 4] {
@@ -204,13 +214,13 @@ fn a_sleeper_is_always_woken() {
 /// How far a publisher came with a message before it was killed.
 const STEPS: [fn(&mut Writer, &Memory); 4] = [
     |_, _| (),
-    |writer, memory| writer.begin(memory),
+    |writer, memory| writer.begin(memory).unwrap(),
     |writer, memory| {
-        writer.begin(memory);
+        writer.begin(memory).unwrap();
         writer.fill(memory, &[&[0xFF; 4]]);
     },
     |writer, memory| {
-        writer.begin(memory);
+        writer.begin(memory).unwrap();
         writer.fill(memory, &[&[0xFF; 4]]);
         writer.commit(memory, 4, 0);
     },
@@ -365,5 +375,246 @@ fn reclaiming_spares_a_legacy_successor() {
         let claimed = mask.fetch_or(bit, Ordering::AcqRel) & bit == 0;
         other.join().unwrap();
         assert!(!claimed || mask.load(Ordering::Relaxed) & bit != 0);
+    });
+}
+
+/// A reader that pins. Like `Attachment::lease`.
+struct Pinner {
+    reader: Reader,
+    line: ReaderLine,
+    announced: Announced,
+}
+
+impl Pinner {
+    fn begin(memory: &Memory, cursor: u64) -> Pinner {
+        let line = claim_by_hand(memory);
+        Pinner {
+            reader: Reader::resume(Dialect::Native, cursor, 0),
+            line,
+            announced: pins::announce(memory, line),
+        }
+    }
+
+    /// Pins the next message, if one is protected and whole, and checks what is in its slot.
+    fn pin(&mut self, memory: &Memory) -> Option<Meta> {
+        let pin = self.line.pins()[0];
+        let announced = self.announced;
+        let meta = self.reader.search(memory, Policy::All, |reader| {
+            announced
+                .protects(memory, reader.cursor())
+                .then(|| reader.take_pinned(memory, pin))?
+        })?;
+        self.check(memory, &meta);
+        Some(meta)
+    }
+
+    /// A pinned message is what was published, whatever the writer does.
+    fn check(&self, memory: &Memory, meta: &Meta) {
+        let mut word = [0; 4];
+        // SAFETY: the word has room for 4 bytes.
+        unsafe {
+            memory
+                .slot(meta.sequence)
+                .read_payload(word.as_mut_ptr(), 4)
+        };
+        assert_eq!(
+            (meta.len, meta.timestamp_ns, word),
+            (4, time(meta.sequence), payload(meta.sequence))
+        );
+    }
+
+    fn unpin(&self, memory: &Memory) {
+        pins::unpin(memory, self.line.pins()[0]);
+    }
+}
+
+/// Publishes unless a reader holds the slot; whether it did.
+fn try_publish(writer: &mut Writer, memory: &Memory) -> bool {
+    let n = writer.next();
+    let published = writer.publish(memory, &[&payload(n)], time(n)).is_ok();
+    if !published {
+        writer.drop_pinned(memory);
+    }
+    published
+}
+
+#[test]
+fn a_pinned_message_stays_as_it_is() {
+    check(3, || {
+        let memory = two_slots();
+        let mut writer = Writer::resume(&memory);
+        let mut pinner = Pinner::begin(&memory, 0);
+        publish(&mut writer, &memory);
+        publish(&mut writer, &memory);
+        let reader = {
+            let memory = memory.clone();
+            thread::spawn(move || {
+                if let Some(meta) = pinner.pin(&memory) {
+                    pinner.check(&memory, &meta);
+                    pinner.unpin(&memory);
+                }
+            })
+        };
+        try_publish(&mut writer, &memory);
+        reader.join().unwrap();
+    });
+}
+
+#[test]
+fn a_first_pin_is_seen_or_not_set() {
+    check(3, || {
+        let memory = two_slots();
+        let mut writer = Writer::resume(&memory);
+        publish(&mut writer, &memory);
+        publish(&mut writer, &memory);
+        let reader = {
+            let memory = memory.clone();
+            thread::spawn(move || {
+                let mut pinner = Pinner::begin(&memory, 0);
+                if let Some(meta) = pinner.pin(&memory) {
+                    pinner.check(&memory, &meta);
+                }
+            })
+        };
+        try_publish(&mut writer, &memory);
+        try_publish(&mut writer, &memory);
+        reader.join().unwrap();
+    });
+}
+
+#[test]
+fn a_first_pin_is_seen_by_a_successor() {
+    check(3, || {
+        let memory = two_slots();
+        let mut predecessor = Writer::resume(&memory);
+        publish(&mut predecessor, &memory);
+        let reader = {
+            let memory = memory.clone();
+            thread::spawn(move || {
+                let mut pinner = Pinner::begin(&memory, 0);
+                if let Some(meta) = pinner.pin(&memory) {
+                    pinner.check(&memory, &meta);
+                }
+            })
+        };
+        // Killed before it came to the fence behind its message.
+        predecessor.begin(&memory).unwrap();
+        let n = predecessor.next();
+        predecessor.fill(&memory, &[&payload(n)]);
+        predecessor.commit(&memory, 4, time(n));
+        predecessor.advance(&memory, time(n));
+        try_publish(&mut Writer::resume(&memory), &memory);
+        reader.join().unwrap();
+    });
+}
+
+/// Stands for a slot's bytes. Loom's loads never see what is stored later, so that it is told here that looking must have
+/// happened before overwriting.
+struct Bytes(UnsafeCell<()>);
+
+// SAFETY: loom reports what is not in order.
+unsafe impl Sync for Bytes {}
+
+#[test]
+fn a_slot_is_overwritten_after_the_last_look_at_it() {
+    check(3, || {
+        let memory = two_slots();
+        let bytes = Arc::new(Bytes(UnsafeCell::new(())));
+        let mut writer = Writer::resume(&memory);
+        let mut pinner = Pinner::begin(&memory, 0);
+        publish(&mut writer, &memory);
+        publish(&mut writer, &memory);
+        let meta = pinner.pin(&memory).unwrap();
+        let reader = {
+            let (memory, bytes) = (memory.clone(), bytes.clone());
+            thread::spawn(move || {
+                pinner.check(&memory, &meta);
+                bytes.0.with(|_| ());
+                pinner.unpin(&memory);
+            })
+        };
+        if writer.begin(&memory).is_ok() {
+            bytes.0.with_mut(|_| ());
+        }
+        reader.join().unwrap();
+    });
+}
+
+#[test]
+fn a_held_slot_is_left_alone_and_read_by_others() {
+    check(2, || {
+        let memory = two_slots();
+        let mut writer = Writer::resume(&memory);
+        let mut pinner = Pinner::begin(&memory, 0);
+        publish(&mut writer, &memory);
+        publish(&mut writer, &memory);
+        let meta = pinner.pin(&memory).unwrap();
+        let other = {
+            let memory = memory.clone();
+            thread::spawn(move || read_times(2, &memory, Reader::resume(Dialect::Native, 0, 0)))
+        };
+        assert!(!try_publish(&mut writer, &memory));
+        assert_eq!(memory.u64(DROPPED_PINNED).load(Ordering::Relaxed), 1);
+        pinner.check(&memory, &meta);
+        other.join().unwrap();
+        let mut late = Reader::resume(Dialect::Native, 0, 0);
+        assert_eq!(read(&mut late, &memory).map(|meta| meta.sequence), Some(0));
+        pinner.unpin(&memory);
+        assert!(try_publish(&mut writer, &memory));
+    });
+}
+
+#[test]
+fn what_a_loan_left_behind_is_never_accepted() {
+    check(3, || {
+        let memory = two_slots();
+        let mut writer = Writer::resume(&memory);
+        let mut pinner = Pinner::begin(&memory, 0);
+        publish(&mut writer, &memory);
+        publish(&mut writer, &memory);
+        let reader = {
+            let memory = memory.clone();
+            thread::spawn(move || {
+                if let Some(meta) = pinner.pin(&memory) {
+                    pinner.check(&memory, &meta);
+                    pinner.unpin(&memory);
+                }
+                read_times(1, &memory, Reader::resume(Dialect::Native, 0, 0));
+            })
+        };
+        // A loan that is written to and not committed, and then another message.
+        if writer.begin(&memory).is_ok() {
+            writer.fill(&memory, &[&[0xFF; 4]]);
+        }
+        try_publish(&mut writer, &memory);
+        reader.join().unwrap();
+    });
+}
+
+#[test]
+fn pins_of_the_dead_are_taken_back_and_those_of_the_living_are_not() {
+    check(2, || {
+        let (memory, locks) = (two_slots(), Locks::new());
+        let mut writer = Writer::resume(&memory);
+        publish(&mut writer, &memory);
+        publish(&mut writer, &memory);
+        let claim = take(&memory, &locks, 1).unwrap();
+        pins::announce(&memory, claim.line);
+        pins::pin(&memory, claim.line.pins()[0], 0);
+        let claimant = {
+            let (memory, locks) = (memory.clone(), locks.clone());
+            thread::spawn(move || {
+                locks.unlock(claim.line).unwrap();
+                take(&memory, &locks, 2)
+            })
+        };
+        let held = |memory: &Memory| memory.u32(PIN_MASK).load(Ordering::Relaxed) != 0;
+        let before = held(&memory);
+        let reclaimed = reclaim_pins(&memory, &*locks, claim.line.bit()).unwrap();
+        assert!(!before || !reclaimed || !held(&memory));
+        let successor = claimant.join().unwrap();
+        assert!(successor.is_none_or(|successor| successor.stands(&memory)));
+        assert!(reclaimed || successor.is_some());
+        assert!(try_publish(&mut writer, &memory));
     });
 }

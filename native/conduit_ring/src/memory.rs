@@ -99,6 +99,11 @@ impl Slot<'_> {
         unsafe { copy::into_shared(part.as_ptr(), to, part.len()) };
     }
 
+    /// Where the payload begins; the slot has room for the longest message there.
+    pub(crate) fn payload(&self) -> *mut u8 {
+        self.base.wrapping_add(SLOT_HEADER_LEN)
+    }
+
     /// Copies the first `len` bytes of the payload to `to`.
     ///
     /// # Panics

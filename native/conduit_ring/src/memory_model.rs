@@ -34,6 +34,7 @@ impl Memory {
             layout::WRITE_INTENT,
             layout::LAST_PUBLISH,
             layout::WAKE_COUNT,
+            layout::DROPPED_PINNED,
         ];
         let lines = ReaderLine::all().flat_map(|line| {
             let [a, b, c] = line.pins();

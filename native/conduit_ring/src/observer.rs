@@ -7,6 +7,7 @@ use crate::attachment::{Incarnation, Part};
 use crate::content::ContentTag;
 use crate::error::Error;
 use crate::geometry::Geometry;
+use crate::guarded::Guard;
 use crate::reader::{Policy, Start};
 use crate::subscriber::{Read, Stats, Subscriber, SubscriberOptions, Wait};
 use crate::topic::Topic;
@@ -21,6 +22,8 @@ pub struct ObserverOptions {
     pub start: Start,
     /// Which messages to get after falling behind.
     pub policy: Policy,
+    /// As [`SubscriberOptions::guard`].
+    pub guard: Guard,
     /// The longest time that a message can be there unseen while nobody else waits for it; see [`Observer`].
     pub longest_nap: Duration,
 }
@@ -31,6 +34,7 @@ impl Default for ObserverOptions {
         ObserverOptions {
             start: Start::default(),
             policy: Policy::default(),
+            guard: Guard::default(),
             longest_nap: Duration::from_millis(4),
         }
     }
@@ -76,6 +80,7 @@ impl Observer {
         let reading = SubscriberOptions {
             start: options.start,
             policy: options.policy,
+            guard: options.guard,
         };
         Ok(Observer {
             subscriber: Subscriber::open_as(Part::Observer, topic, &reading)?,

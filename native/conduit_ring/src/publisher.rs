@@ -3,7 +3,7 @@
 use std::fmt;
 
 use crate::attach::Attached;
-use crate::claim::reclaim_leaked;
+use crate::claim::{reclaim_leaked, reclaim_pins};
 use crate::clock;
 use crate::content::ContentTag;
 use crate::create;
@@ -11,12 +11,16 @@ use crate::error::{Error, PublishError};
 use crate::geometry::Geometry;
 use crate::info::Info;
 use crate::layout::{PUBLISHER_LOCK, STATE, STATE_CLOSED};
+use crate::loan::Loan;
+use crate::memory::Memory;
 use crate::sync::Ordering::Release;
 use crate::topic::Topic;
-use crate::writer::{self, Wake, Writer};
+use crate::writer::{self, Pinned, Wake, Writer};
 
 /// Wake-ups in a row that met nobody asleep before dead readers' bits are looked for.
 const FRUITLESS_WAKES: u32 = 64;
+/// How often the holders of a slot that is in the way are asked whether they live.
+const HOLDER_LOOKS_NS: u64 = 10_000_000;
 
 /// How a topic is published.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -51,6 +55,8 @@ pub struct Publisher {
     attached: Attached,
     writer: Writer,
     fruitless_wakes: u32,
+    /// When to look next whether the holders of a slot live, on the clock of messages.
+    next_holder_look_ns: u64,
     abandoned: bool,
 }
 
@@ -69,6 +75,7 @@ impl Publisher {
             attached,
             writer,
             fruitless_wakes: 0,
+            next_holder_look_ns: 0,
             abandoned: false,
         })
     }
@@ -77,7 +84,8 @@ impl Publisher {
     /// sleeps.
     ///
     /// # Errors
-    /// [`PublishError::TooLarge`]: counted, and nothing is published.
+    /// [`PublishError::TooLarge`]; [`PublishError::SlotHeld`] while a subscriber's lease holds the slot. Both are counted, and
+    /// nothing is published.
     #[inline]
     pub fn publish(&mut self, message: &[u8]) -> Result<u64, PublishError> {
         self.publish_slices(&[message])
@@ -92,18 +100,83 @@ impl Publisher {
         let len = parts
             .iter()
             .fold(0_usize, |len, part| len.saturating_add(part.len()));
+        self.check_len(len)?;
+        let now_ns = clock::now_ns();
+        loop {
+            match self.writer.publish(&self.attached.memory, parts, now_ns) {
+                Ok(published) => return Ok(self.after_publish(published)),
+                Err(pinned) => self.make_way(pinned, now_ns)?,
+            }
+        }
+    }
+
+    /// Lends the next slot, for a message of `len` bytes that is written there piece by piece, without a copy of it
+    /// elsewhere. Nothing is published before [`Loan::commit`].
+    ///
+    /// From here on the message that was in the slot, the oldest one, is lost to those who have not read it.
+    ///
+    /// # Errors
+    /// As [`Publisher::publish`].
+    pub fn loan(&mut self, len: usize) -> Result<Loan<'_>, PublishError> {
+        self.check_len(len)?;
+        while let Err(pinned) = self.writer.begin(&self.attached.memory) {
+            self.make_way(pinned, clock::now_ns())?;
+        }
+        Ok(Loan::new(self, len))
+    }
+
+    /// Where the message that is lent is written to.
+    pub(crate) fn lent_payload(&self) -> *mut u8 {
+        self.memory().slot(self.writer.next()).payload()
+    }
+
+    /// Publishes the first `len` bytes of what was lent.
+    pub(crate) fn commit(&mut self, len: usize) -> u64 {
+        let now_ns = clock::now_ns();
+        let memory = &self.attached.memory;
+        self.writer.commit(memory, len, now_ns);
+        let sequence = self.writer.advance(memory, now_ns);
+        let wake = writer::notify(memory);
+        self.after_publish((sequence, wake))
+    }
+
+    #[inline]
+    fn memory(&self) -> &Memory {
+        &self.attached.memory
+    }
+
+    #[inline]
+    fn check_len(&self, len: usize) -> Result<(), PublishError> {
         let max = self.attached.header.geometry.max_message_size();
         if len > max {
-            self.writer.reject_oversize(&self.attached.memory);
+            self.writer.reject_oversize(self.memory());
             return Err(PublishError::TooLarge { len, max });
         }
-        let (sequence, wake) = self
-            .writer
-            .publish(&self.attached.memory, parts, clock::now_ns());
+        Ok(())
+    }
+
+    #[inline]
+    fn after_publish(&mut self, (sequence, wake): (u64, Wake)) -> u64 {
         if let Wake::Woke(woken) = wake {
             self.after_wake(woken);
         }
-        Ok(sequence)
+        sequence
+    }
+
+    /// Takes the slot back from holders that are dead, for another try; else drops the message. Who lives is looked at now
+    /// and then only.
+    #[cold]
+    fn make_way(&mut self, pinned: Pinned, now_ns: u64) -> Result<(), PublishError> {
+        let memory = &self.attached.memory;
+        if now_ns >= self.next_holder_look_ns {
+            self.next_holder_look_ns = now_ns.saturating_add(HOLDER_LOOKS_NS);
+            // A lock that cannot be asked for is held, as far as is known.
+            if reclaim_pins(memory, &self.attached.segment, pinned.holders).unwrap_or(false) {
+                return Ok(());
+            }
+        }
+        self.writer.drop_pinned(memory);
+        Err(PublishError::SlotHeld)
     }
 
     /// A reader that was killed in its sleep leaves its waiting bit behind, and every message would cost a system call.

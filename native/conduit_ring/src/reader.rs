@@ -3,10 +3,12 @@
 //! The cursor and the geometry are private. A message is copied first and validated afterwards: if the writer may have
 //! begun to overwrite the slot by the end of the copy, the copy is dropped. The orders are told in `writer.rs`.
 
+use crate::geometry::Geometry;
 use crate::layout::{
-    SLOT_LEN, SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO, WRITE_IDX, WRITE_INTENT,
+    At64, SLOT_LEN, SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO, WRITE_IDX, WRITE_INTENT,
 };
 use crate::memory::{Memory, Slot};
+use crate::pins;
 use crate::sync::{Ordering, fence};
 
 /// Which messages a subscriber begins with.
@@ -62,6 +64,63 @@ pub(crate) unsafe trait Sink {
     fn room(&mut self, len: usize) -> *mut u8;
 }
 
+/// Where a segment is read: in a mapping, or by other means.
+pub(crate) trait Source {
+    type Slot<'a>: SourceSlot
+    where
+        Self: 'a;
+
+    fn geometry(&self) -> Geometry;
+    /// Relaxed or Acquire.
+    fn load(&self, at: At64, order: Ordering) -> u64;
+    /// The slot of a message.
+    fn slot(&self, sequence: u64) -> Self::Slot<'_>;
+}
+
+/// A slot of a [`Source`].
+pub(crate) trait SourceSlot {
+    /// A word of the slot's header, relaxed.
+    fn load(&self, word: usize) -> u32;
+
+    /// Copies the first `len` bytes of the payload to `to`.
+    ///
+    /// # Safety
+    /// `to` is valid for writes of `len` bytes.
+    unsafe fn read_payload(&self, to: *mut u8, len: usize);
+}
+
+impl Source for Memory {
+    type Slot<'a> = Slot<'a>;
+
+    #[inline]
+    fn geometry(&self) -> Geometry {
+        Memory::geometry(self)
+    }
+
+    #[inline]
+    fn load(&self, at: At64, order: Ordering) -> u64 {
+        self.u64(at).load(order)
+    }
+
+    #[inline]
+    fn slot(&self, sequence: u64) -> Slot<'_> {
+        Memory::slot(self, sequence)
+    }
+}
+
+impl SourceSlot for Slot<'_> {
+    #[inline]
+    fn load(&self, word: usize) -> u32 {
+        Slot::load(self, word)
+    }
+
+    #[inline]
+    unsafe fn read_payload(&self, to: *mut u8, len: usize) {
+        // SAFETY: the caller's promise is the same.
+        unsafe { Slot::read_payload(self, to, len) };
+    }
+}
+
 /// A private cursor over a segment.
 pub(crate) struct Reader {
     cursor: u64,
@@ -74,12 +133,12 @@ pub(crate) struct Reader {
 
 impl Reader {
     /// A reader that begins as `start` says.
-    pub(crate) fn begin(memory: &Memory, dialect: Dialect, start: Start) -> Reader {
-        let published = published(memory);
+    pub(crate) fn begin(source: &impl Source, dialect: Dialect, start: Start) -> Reader {
+        let published = published(source);
         let back = match start {
             Start::New => 0,
             Start::Latest => 1,
-            Start::History(k) => u64::from(k).min(safe(memory, dialect)),
+            Start::History(k) => u64::from(k).min(safe(source, dialect)),
         };
         let cursor = published - back.min(published);
         Reader {
@@ -119,8 +178,8 @@ impl Reader {
     }
 
     /// Whether [`Reader::next`] has something to look at.
-    pub(crate) fn has_news(&self, memory: &Memory) -> bool {
-        published(memory) != self.cursor
+    pub(crate) fn has_news(&self, source: &impl Source) -> bool {
+        published(source) != self.cursor
     }
 
     /// Delivers the next message into the sink. It gives up, for this time, after as many invalid ones as there are
@@ -128,20 +187,32 @@ impl Reader {
     #[inline]
     pub(crate) fn next(
         &mut self,
-        memory: &Memory,
+        source: &impl Source,
         policy: Policy,
         sink: &mut impl Sink,
     ) -> Option<Meta> {
-        for _ in 0..=memory.geometry().slot_count() {
-            let published = published(memory);
+        self.search(source, policy, |reader| reader.take(source, sink))
+    }
+
+    /// As [`Reader::next`], with a way of one's own to take the message at the cursor: by [`Reader::take`] or
+    /// [`Reader::take_pinned`].
+    #[inline]
+    pub(crate) fn search<T>(
+        &mut self,
+        source: &impl Source,
+        policy: Policy,
+        mut take: impl FnMut(&mut Reader) -> Option<T>,
+    ) -> Option<T> {
+        for _ in 0..=source.geometry().slot_count() {
+            let published = published(source);
             if published == self.cursor {
                 return None;
             }
-            if !self.catch_up(memory, published, policy) {
+            if !self.catch_up(source, published, policy) {
                 return None;
             }
-            if let Some(meta) = self.take(memory, sink) {
-                return Some(meta);
+            if let Some(taken) = take(self) {
+                return Some(taken);
             }
             self.lose(1);
         }
@@ -150,14 +221,14 @@ impl Reader {
 
     /// Moves the cursor to the oldest message that may be read; `false` when there is none.
     #[inline]
-    fn catch_up(&mut self, memory: &Memory, published: u64, policy: Policy) -> bool {
+    fn catch_up(&mut self, source: &impl Source, published: u64, policy: Policy) -> bool {
         if self.cursor > published {
             self.cursor = published;
             self.resyncs += 1;
             return false;
         }
         let behind = published - self.cursor;
-        let safe = safe(memory, self.dialect);
+        let safe = safe(source, self.dialect);
         let keep = match policy {
             Policy::All => safe,
             Policy::Latest => safe.min(1),
@@ -176,21 +247,42 @@ impl Reader {
 
     /// Copies the message at the cursor; `None` when it cannot be trusted.
     #[inline]
-    fn take(&mut self, memory: &Memory, sink: &mut impl Sink) -> Option<Meta> {
-        let slot = memory.slot(self.cursor);
+    pub(crate) fn take(&mut self, source: &impl Source, sink: &mut impl Sink) -> Option<Meta> {
+        let slot = source.slot(self.cursor);
         let len = slot.load(SLOT_LEN) as usize;
-        if len > memory.geometry().max_message_size() {
+        if len > source.geometry().max_message_size() {
             return None;
         }
         let timestamp_ns = long(&slot, SLOT_TIME_LO, SLOT_TIME_HI);
-        if self.is_overwritten(memory) {
+        if self.is_overwritten(source) {
             return None;
         }
         // SAFETY: the sink gives room for `len` bytes.
         unsafe { slot.read_payload(sink.room(len), len) };
-        if !self.is_whole(memory, &slot) {
+        if !self.is_whole(source, &slot) {
             return None;
         }
+        Some(self.deliver(timestamp_ns, len))
+    }
+
+    /// Pins the message at the cursor where it lies; `None`, and no pin, when it cannot be trusted. A writer that looks at
+    /// pins leaves the slot alone until the pin is taken away.
+    pub(crate) fn take_pinned(&mut self, memory: &Memory, pin: At64) -> Option<Meta> {
+        pins::pin(memory, pin, self.cursor);
+        let slot = memory.slot(self.cursor);
+        // From here on nothing of the slot changes, if this message is still there.
+        let whole = self.is_whole(memory, &slot);
+        let len = slot.load(SLOT_LEN) as usize;
+        if !whole || len > memory.geometry().max_message_size() {
+            pins::unpin(memory, pin);
+            return None;
+        }
+        let timestamp_ns = long(&slot, SLOT_TIME_LO, SLOT_TIME_HI);
+        Some(self.deliver(timestamp_ns, len))
+    }
+
+    #[inline]
+    fn deliver(&mut self, timestamp_ns: u64, len: usize) -> Meta {
         let meta = Meta {
             sequence: self.cursor,
             timestamp_ns,
@@ -199,30 +291,30 @@ impl Reader {
         };
         self.cursor = self.cursor.wrapping_add(1);
         self.lost = 0;
-        Some(meta)
+        meta
     }
 
     /// Whether all that was read of the slot up to now belongs to the message at the cursor.
     #[inline]
-    fn is_whole(&self, memory: &Memory, slot: &Slot<'_>) -> bool {
+    fn is_whole(&self, source: &impl Source, slot: &impl SourceSlot) -> bool {
         let sequence = long(slot, SLOT_SEQ_LO, SLOT_SEQ_HI);
         // Acquire: meets the release fence in Writer::begin.
         fence(Ordering::Acquire);
-        sequence == self.cursor && !self.is_overwritten(memory)
+        sequence == self.cursor && !self.is_overwritten(source)
     }
 
     /// Whether the writer, as far as is known here, has begun to write a later message into the cursor's slot (or has
     /// never published the cursor's message by the extension's rules).
     #[inline]
-    fn is_overwritten(&self, memory: &Memory) -> bool {
-        let slots = u64::from(memory.geometry().slot_count());
+    fn is_overwritten(&self, source: &impl Source) -> bool {
+        let slots = u64::from(source.geometry().slot_count());
         match self.dialect {
             Dialect::Native => {
-                let intent = memory.u64(WRITE_INTENT).load(Ordering::Relaxed);
+                let intent = source.load(WRITE_INTENT, Ordering::Relaxed);
                 intent.wrapping_sub(self.cursor).wrapping_sub(1) >= slots
             }
             Dialect::Legacy => {
-                let published = memory.u64(WRITE_IDX).load(Ordering::Relaxed);
+                let published = source.load(WRITE_IDX, Ordering::Relaxed);
                 published.wrapping_sub(self.cursor).wrapping_sub(1) >= slots - 1
             }
         }
@@ -231,15 +323,15 @@ impl Reader {
 
 /// Messages published so far.
 #[inline]
-pub(crate) fn published(memory: &Memory) -> u64 {
+pub(crate) fn published(source: &impl Source) -> u64 {
     // Acquire: meets the Release in Writer::advance.
-    memory.u64(WRITE_IDX).load(Ordering::Acquire)
+    source.load(WRITE_IDX, Ordering::Acquire)
 }
 
 /// How far behind a reader may be and still find its message whole.
 #[inline]
-fn safe(memory: &Memory, dialect: Dialect) -> u64 {
-    let slots = u64::from(memory.geometry().slot_count());
+fn safe(source: &impl Source, dialect: Dialect) -> u64 {
+    let slots = u64::from(source.geometry().slot_count());
     match dialect {
         Dialect::Native => slots,
         Dialect::Legacy => slots - 1,
@@ -247,6 +339,6 @@ fn safe(memory: &Memory, dialect: Dialect) -> u64 {
 }
 
 #[inline]
-fn long(slot: &Slot<'_>, lo: usize, hi: usize) -> u64 {
+fn long(slot: &impl SourceSlot, lo: usize, hi: usize) -> u64 {
     u64::from(slot.load(lo)) | u64::from(slot.load(hi)) << 32
 }

@@ -119,6 +119,42 @@ impl Segment {
         self.file.read_exact_at(bytes, offset)
     }
 
+    /// Fills `len` bytes at `to` from the file at `offset`. `UnexpectedEof` where the file ends before.
+    ///
+    /// # Safety
+    /// `to` is valid for writes of `len` bytes.
+    pub(crate) unsafe fn read_raw_at(
+        &self,
+        to: *mut u8,
+        len: usize,
+        offset: u64,
+    ) -> io::Result<()> {
+        let mut done = 0;
+        while done < len {
+            let at = offset + done as u64;
+            let to = to.wrapping_add(done).cast();
+            // SAFETY: `len - done` bytes are writable there by the caller's promise.
+            match unsafe { libc::pread64(self.fd(), to, len - done, at as i64) } {
+                0 => return Err(io::ErrorKind::UnexpectedEof.into()),
+                got if got > 0 => done += got as usize,
+                _ => {
+                    let error = io::Error::last_os_error();
+                    if error.kind() != io::ErrorKind::Interrupted {
+                        return Err(error);
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether the file belongs to another user than the one that this process acts as.
+    pub(crate) fn is_foreign(&self) -> io::Result<bool> {
+        // SAFETY: geteuid takes nothing and cannot fail.
+        let own = unsafe { libc::geteuid() };
+        Ok(self.file.metadata()?.uid() != own)
+    }
+
     pub(crate) fn write_head(&self, bytes: &[u8]) -> io::Result<()> {
         self.file.write_all_at(bytes, 0)
     }
@@ -251,6 +287,73 @@ impl Mapping {
     }
 }
 
+impl Mapping {
+    /// Keeps `len` bytes at `at` and lets all else of the mapping go: the pages under them are replaced by private ones with
+    /// the same content, at the same address, in one step as others see it. Tells where in what is left the bytes are.
+    pub(crate) fn make_private(&mut self, at: usize, len: usize) -> io::Result<usize> {
+        let page = page_size();
+        let from = at / page * page;
+        let to = (at + len.max(1)).div_ceil(page) * page;
+        let end = self.len.div_ceil(page) * page;
+        let mut copy = Mapping::private(to - from)?;
+        // SAFETY: the mapping has `len` bytes at `at`, and the copy, new and of this function's own, has room for them there.
+        unsafe {
+            crate::copy::out_of_shared(
+                self.base.wrapping_add(at),
+                copy.base.wrapping_add(at - from),
+                len,
+            );
+        }
+        copy.move_onto(self.base.wrapping_add(from))?;
+        // From here on the copy's address range is the middle of the old one.
+        let old = std::mem::replace(self, copy);
+        unmap(old.base, from);
+        unmap(old.base.wrapping_add(to), end - to);
+        std::mem::forget(old);
+        Ok(at - from)
+    }
+
+    fn private(len: usize) -> io::Result<Mapping> {
+        let protection = libc::PROT_READ | libc::PROT_WRITE;
+        let flags = libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_POPULATE;
+        // SAFETY: a new mapping at an address of the kernel's choice touches no memory in use.
+        let base = unsafe { libc::mmap(ptr::null_mut(), len, protection, flags, -1, 0) };
+        if base == libc::MAP_FAILED {
+            return Err(io::Error::last_os_error());
+        }
+        Ok(Mapping {
+            base: base.cast(),
+            len,
+        })
+    }
+
+    /// Moves to another address, whose mapping it replaces there.
+    fn move_onto(&mut self, target: *mut u8) -> io::Result<()> {
+        let flags = libc::MREMAP_MAYMOVE | libc::MREMAP_FIXED;
+        let (from, len) = (self.base.cast(), self.len);
+        // SAFETY: the target range belongs to a mapping of the caller's, whose readers find the same bytes there.
+        let moved = unsafe { libc::mremap(from, len, len, flags, target.cast::<libc::c_void>()) };
+        if moved == libc::MAP_FAILED {
+            return Err(io::Error::last_os_error());
+        }
+        self.base = moved.cast();
+        Ok(())
+    }
+}
+
+fn unmap(base: *mut u8, len: usize) {
+    if len > 0 {
+        // SAFETY: called for parts of a mapping that its owner lets go.
+        unsafe { libc::munmap(base.cast(), len) };
+    }
+}
+
+fn page_size() -> usize {
+    // SAFETY: sysconf takes no pointer.
+    let size = unsafe { libc::sysconf(libc::_SC_PAGESIZE) };
+    usize::try_from(size).unwrap_or(4096)
+}
+
 impl Drop for Mapping {
     fn drop(&mut self) {
         // SAFETY: base and len are those of a mapping made by Segment::map, unmapped only here.
@@ -265,11 +368,15 @@ struct KernelTimespec {
     nanoseconds: libc::c_long,
 }
 
-pub(crate) fn futex_wait(word: &AtomicU32, expected: u32, timeout: Duration) {
-    let timeout = KernelTimespec {
+fn kernel_timespec(timeout: Duration) -> KernelTimespec {
+    KernelTimespec {
         seconds: timeout.as_secs().try_into().unwrap_or(libc::c_long::MAX),
         nanoseconds: timeout.subsec_nanos() as libc::c_long,
-    };
+    }
+}
+
+pub(crate) fn futex_wait(word: &AtomicU32, expected: u32, timeout: Duration) {
+    let timeout = kernel_timespec(timeout);
     // SAFETY: the word and the timeout outlive the call. Every result is a reason to look again.
     unsafe {
         libc::syscall(
@@ -288,6 +395,77 @@ pub(crate) fn futex_wake_all(word: &AtomicU32) -> u32 {
         unsafe { libc::syscall(libc::SYS_futex, word.as_ptr(), libc::FUTEX_WAKE, i32::MAX) };
     u32::try_from(woken).unwrap_or(0)
 }
+
+/// Words of a mapping that only the kernel touches: EFAULT where the file has become shorter, and no signal.
+impl Mapping {
+    /// Sleeps while the word at `offset` is `expected`, at most for `timeout`. Returns for no reason, too.
+    pub(crate) fn futex_wait(
+        &self,
+        offset: usize,
+        expected: u32,
+        timeout: Duration,
+    ) -> io::Result<()> {
+        let timeout = kernel_timespec(timeout);
+        // SAFETY: the kernel checks the address, and the timeout outlives the call.
+        let result = unsafe {
+            libc::syscall(
+                libc::SYS_futex,
+                self.base.wrapping_add(offset),
+                libc::FUTEX_WAIT,
+                expected,
+                ptr::from_ref(&timeout),
+            )
+        };
+        match io::Error::last_os_error() {
+            error if result < 0 && error.raw_os_error() == Some(libc::EFAULT) => Err(error),
+            _ => Ok(()),
+        }
+    }
+
+    pub(crate) fn set_bit(&self, offset: usize, bit: u32) -> io::Result<()> {
+        self.wake_op(offset, 1, FUTEX_OP_OR | FUTEX_OP_SHIFT, bit)
+    }
+
+    pub(crate) fn clear_bit(&self, offset: usize, bit: u32) -> io::Result<()> {
+        self.wake_op(offset, 1, FUTEX_OP_ANDN | FUTEX_OP_SHIFT, bit)
+    }
+
+    /// Adds 1 to the word at `offset` and wakes all that sleep on it.
+    pub(crate) fn bump_and_wake(&self, offset: usize) -> io::Result<()> {
+        self.wake_op(offset, i32::MAX, FUTEX_OP_ADD, 1)
+    }
+
+    /// `operand` is shifted below the sign bit of its 12 bits: at most 15 and 1 here.
+    fn wake_op(&self, offset: usize, wake: i32, op: u32, operand: u32) -> io::Result<()> {
+        let word = self.base.wrapping_add(offset);
+        let nobody_else: usize = 0;
+        let change = op << 28 | operand << 12;
+        // SAFETY: the kernel checks the address. It changes the word at once, as an atomic instruction does.
+        let result = unsafe {
+            libc::syscall(
+                libc::SYS_futex,
+                word,
+                libc::FUTEX_WAKE_OP,
+                wake,
+                nobody_else,
+                word,
+                change,
+            )
+        };
+        if result < 0 {
+            Err(io::Error::last_os_error())
+        } else {
+            Ok(())
+        }
+    }
+}
+
+/// The kernel's numbers, in the highest four bits of FUTEX_WAKE_OP's last argument.
+const FUTEX_OP_ADD: u32 = 1;
+const FUTEX_OP_OR: u32 = 2;
+const FUTEX_OP_ANDN: u32 = 3;
+/// The operand is the number of a bit.
+const FUTEX_OP_SHIFT: u32 = 8;
 
 /// Tells when a file appears in a directory.
 #[derive(Debug)]
@@ -420,6 +598,11 @@ pub(crate) fn process_start_time() -> u64 {
 fn own(fd: RawFd) -> OwnedFd {
     // SAFETY: called right after the system call that made the descriptor, which nobody else owns.
     unsafe { OwnedFd::from_raw_fd(fd) }
+}
+
+/// Whether the kernel found no page behind a mapping: the file has become shorter.
+pub(crate) fn is_missing_page(error: &io::Error) -> bool {
+    error.raw_os_error() == Some(libc::EFAULT)
 }
 
 fn check(result: i32) -> io::Result<i32> {

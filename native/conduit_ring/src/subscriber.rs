@@ -8,10 +8,12 @@ use crate::attachment::{Attachment, Beginning, Incarnation, Life, Part, Past};
 use crate::content::ContentTag;
 use crate::error::Error;
 use crate::geometry::Geometry;
+use crate::guarded::Guard;
+use crate::lease::Lease;
 use crate::reader::{Meta, Policy, Sink, Start};
 use crate::segment::{self, Watch};
 use crate::topic::{DIRECTORY, Topic};
-use crate::wait::{self, LONGEST_SLEEP};
+use crate::wait::LONGEST_SLEEP;
 use crate::waker::Waker;
 
 /// How long a sleep may be while a file is there that is not yet a segment, or the directory cannot be watched.
@@ -24,6 +26,8 @@ pub struct SubscriberOptions {
     pub start: Start,
     /// Which messages to get after falling behind.
     pub policy: Policy,
+    /// Whether the file may be cut off by those who can write it without harm to this process.
+    pub guard: Guard,
 }
 
 /// What a look at a topic gave.
@@ -81,6 +85,7 @@ pub struct Stats {
 pub struct Subscriber {
     topic: Topic,
     part: Part,
+    guard: Guard,
     policy: Policy,
     tie: Tie,
     waker: Waker,
@@ -103,8 +108,8 @@ enum Change {
 }
 
 /// What a step came to, before it is told in the caller's words.
-enum Step {
-    Message(Meta),
+enum Step<T> {
+    Message(T),
     Change(Change),
     Nothing,
 }
@@ -127,6 +132,7 @@ impl Subscriber {
         let mut subscriber = Subscriber {
             topic: topic.clone(),
             part,
+            guard: options.guard,
             policy: options.policy,
             tie: Tie::Awaiting {
                 watch: None,
@@ -138,7 +144,7 @@ impl Subscriber {
             next_look: Instant::now(),
             past: Stats::default(),
         };
-        match Attachment::open(topic, part, Beginning::At(options.start))? {
+        match Attachment::open(topic, part, options.guard, Beginning::At(options.start))? {
             Some(attachment) => subscriber.hold(attachment)?,
             None => subscriber.await_topic(Past::default()),
         }
@@ -154,16 +160,18 @@ impl Subscriber {
     pub fn try_read(&mut self, buffer: &mut Vec<u8>) -> Result<Read, Error> {
         buffer.clear();
         let mut sink = IntoVec { buffer };
-        Ok(match self.step(&mut sink)? {
-            Step::Message(meta) => {
-                // SAFETY: the sink reserved room for `len` bytes, and all of them were copied there.
-                unsafe { buffer.set_len(meta.len) };
-                Read::Message(meta)
-            }
-            Step::Change(Change::Up) => Read::PublisherUp,
-            Step::Change(Change::Down) => Read::PublisherDown,
-            Step::Nothing => Read::Nothing,
-        })
+        Ok(
+            match self.step(|it, topic, policy| it.next(topic, policy, &mut sink))? {
+                Step::Message(meta) => {
+                    // SAFETY: the sink reserved room for `len` bytes, and all of them were copied there.
+                    unsafe { buffer.set_len(meta.len) };
+                    Read::Message(meta)
+                }
+                Step::Change(Change::Up) => Read::PublisherUp,
+                Step::Change(Change::Down) => Read::PublisherDown,
+                Step::Nothing => Read::Nothing,
+            },
+        )
     }
 
     /// Takes the next message, if there is one, into a buffer that `alloc` makes for its length. `alloc` may be called
@@ -183,11 +191,27 @@ impl Subscriber {
             alloc,
             buffer: None,
         };
-        Ok(match (self.step(&mut sink)?, sink.buffer) {
+        let step = self.step(|it, topic, policy| it.next(topic, policy, &mut sink))?;
+        Ok(match (step, sink.buffer) {
             (Step::Message(meta), Some(buffer)) => Received::Message(meta, buffer),
             (Step::Change(Change::Up), _) => Received::PublisherUp,
             (Step::Change(Change::Down), _) => Received::PublisherDown,
             _ => Received::Nothing,
+        })
+    }
+
+    /// Takes the next message, if there is one, without copying it: see [`Lease`]. Never waits.
+    ///
+    /// # Errors
+    /// [`Error::TooManyLeases`] when three are held; the message is kept. [`Error::Os`] when it cannot be mapped. Else as
+    /// [`Subscriber::try_read`].
+    pub fn try_lease(&mut self) -> Result<Received<Lease>, Error> {
+        let step = self.step(Attachment::lease)?;
+        Ok(match step {
+            Step::Message(lease) => Received::Message(lease.meta(), lease),
+            Step::Change(Change::Up) => Received::PublisherUp,
+            Step::Change(Change::Down) => Received::PublisherDown,
+            Step::Nothing => Received::Nothing,
         })
     }
 
@@ -305,28 +329,41 @@ impl Subscriber {
     }
 
     #[inline]
-    fn step(&mut self, sink: &mut impl Sink) -> Result<Step, Error> {
+    fn step<T>(
+        &mut self,
+        mut take: impl FnMut(&mut Attachment, &Topic, Policy) -> Result<Option<T>, Error>,
+    ) -> Result<Step<T>, Error> {
         if self.publisher_up
             && self.pending.is_none()
-            && let Some(message) = self.next_message(sink)
+            && let Some(message) = self.take(&mut take)?
         {
             return Ok(Step::Message(message));
         }
         self.look_around()?;
         Ok(match self.pending.take() {
             Some(change) => Step::Change(change),
-            None => self.next_message(sink).map_or(Step::Nothing, Step::Message),
+            None => self.take(&mut take)?.map_or(Step::Nothing, Step::Message),
         })
     }
 
     #[inline]
-    fn next_message(&mut self, sink: &mut impl Sink) -> Option<Meta> {
+    fn take<T>(
+        &mut self,
+        take: &mut impl FnMut(&mut Attachment, &Topic, Policy) -> Result<Option<T>, Error>,
+    ) -> Result<Option<T>, Error> {
         let Tie::Attached(attachment) = &mut self.tie else {
-            return None;
+            return Ok(None);
         };
-        let meta = attachment.next(self.policy, sink)?;
-        self.past.delivered += 1;
-        Some(meta)
+        let taken = match take(attachment, &self.topic, self.policy) {
+            Err(error) if attachment.is_broken() => {
+                self.let_go();
+                self.tell(false);
+                return Err(error);
+            }
+            taken => taken?,
+        };
+        self.past.delivered += u64::from(taken.is_some());
+        Ok(taken)
     }
 
     /// Looks after the tie: attaches, notices a publisher's end or return. What there is to tell is then pending.
@@ -334,7 +371,8 @@ impl Subscriber {
         match &self.tie {
             _ if self.pending.is_some() => Ok(()),
             Tie::Awaiting { past, .. } => {
-                match Attachment::open(&self.topic, self.part, Beginning::After(*past))? {
+                let beginning = Beginning::After(*past);
+                match Attachment::open(&self.topic, self.part, self.guard, beginning)? {
                     Some(attachment) => self.hold(attachment),
                     None => Ok(()),
                 }
@@ -390,8 +428,7 @@ impl Subscriber {
     fn hold(&mut self, attachment: Attachment) -> Result<(), Error> {
         // A waker writes to what its subscriber sleeps on.
         let writable = self.part == Part::Reader;
-        self.waker
-            .attach(writable.then(|| attachment.memory().clone()));
+        self.waker.attach(writable.then(|| attachment.alarm()));
         self.tie = Tie::Attached(attachment);
         self.look_at_publisher()
     }
@@ -418,10 +455,7 @@ impl Subscriber {
             Tie::Attached(attachment) => {
                 let news =
                     || self.waker.is_woken() || attachment.has_news() || !attachment.says_live();
-                match attachment.line() {
-                    Some(line) => wait::sleep(attachment.memory(), line, timeout, news),
-                    None => wait::sleep_unseen(attachment.memory(), timeout, news),
-                }
+                attachment.sleep(timeout, news);
             }
             Tie::Awaiting { watch, .. } => {
                 let blind = watch.is_none() || self.topic.path().exists();

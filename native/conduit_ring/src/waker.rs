@@ -16,11 +16,22 @@ pub struct Waker {
     shared: Arc<Shared>,
 }
 
+/// What wakes those who sleep on a segment.
+pub(crate) trait Alarm: Send + Sync {
+    fn ring(&self);
+}
+
+impl Alarm for Memory {
+    fn ring(&self) {
+        writer::notify_all(self);
+    }
+}
+
 struct Shared {
     woken: AtomicBool,
     event: Event,
     /// Where the subscriber sleeps when it is attached. Set before it looks at `woken` for the last time.
-    attached_to: Mutex<Option<Arc<Memory>>>,
+    attached_to: Mutex<Option<Arc<dyn Alarm>>>,
 }
 
 impl Waker {
@@ -45,17 +56,17 @@ impl Waker {
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .clone();
-        if let Some(memory) = attached_to {
-            writer::notify_all(&memory);
+        if let Some(alarm) = attached_to {
+            alarm.ring();
         }
     }
 
-    pub(crate) fn attach(&self, memory: Option<Arc<Memory>>) {
+    pub(crate) fn attach(&self, alarm: Option<Arc<dyn Alarm>>) {
         *self
             .shared
             .attached_to
             .lock()
-            .unwrap_or_else(PoisonError::into_inner) = memory;
+            .unwrap_or_else(PoisonError::into_inner) = alarm;
     }
 
     pub(crate) fn is_woken(&self) -> bool {

@@ -7,18 +7,29 @@
 //!   finds them.
 //! - `write_idx`, `futex_word`, then a SeqCst fence, then the masks. A sleeper sets its waiting bit, then has a SeqCst
 //!   fence, then checks `write_idx`: at least one of the two sees the other.
+//! - `write_intent`, then a SeqCst fence if a bit of `pin_mask` stands, then the pins: see `pins.rs`.
 
 use crate::layout::{
-    FUTEX_WORD, LAST_PUBLISH, NATIVE_MASK, POISON, REJECTED_OVERSIZE, SLOT_LEN, SLOT_SEQ_HI,
-    SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO, SUBSCRIBER_MASK, WAITING_MASK, WAKE_COUNT, WRITE_IDX,
-    WRITE_INTENT,
+    DROPPED_PINNED, FUTEX_WORD, LAST_PUBLISH, NATIVE_MASK, POISON, REJECTED_OVERSIZE, SLOT_LEN,
+    SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO, SUBSCRIBER_MASK, WAITING_MASK,
+    WAKE_COUNT, WRITE_IDX, WRITE_INTENT,
 };
 use crate::memory::Memory;
-use crate::sync::{Ordering, bump, fence};
+use crate::pins;
+use crate::sync::{Ordering, add_one_and_fence, bump, fence};
 
 /// The one writer of a segment. Its `next` is private and authoritative; `write_idx` only tells it to others.
 pub(crate) struct Writer {
     next: u64,
+    /// Whether something of message `next` may stand in its slot already: a message that failed half-way, or a predecessor's.
+    /// Then `write_intent` must go on saying so.
+    begun: bool,
+}
+
+/// A slot was left alone since a reader holds the message in it; the bits of those who do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Pinned {
+    pub(crate) holders: u32,
 }
 
 /// What the wake decision came to.
@@ -33,8 +44,12 @@ pub(crate) enum Wake {
 impl Writer {
     /// Goes on where the segment stands: at 0 in a new one, at the predecessor's next message in one that was taken over.
     pub(crate) fn resume(memory: &Memory) -> Writer {
+        let next = memory.u64(WRITE_IDX).load(Ordering::Acquire);
+        // SeqCst: what `pins.rs` says of the fence behind the message before.
+        fence(Ordering::SeqCst);
         Writer {
-            next: memory.u64(WRITE_IDX).load(Ordering::Acquire),
+            next,
+            begun: memory.u64(WRITE_INTENT).load(Ordering::Relaxed) != next,
         }
     }
 
@@ -42,30 +57,48 @@ impl Writer {
         self.next
     }
 
-    /// Publishes the concatenation of `parts`, which fits the slot, and returns its sequence number.
+    /// Publishes the concatenation of `parts`, which fits the slot, and returns its sequence number; or nothing, when a reader
+    /// holds the slot.
     #[inline]
     pub(crate) fn publish(
         &mut self,
         memory: &Memory,
         parts: &[&[u8]],
         time_ns: u64,
-    ) -> (u64, Wake) {
-        self.begin(memory);
+    ) -> Result<(u64, Wake), Pinned> {
+        self.begin(memory)?;
         let len = self.fill(memory, parts);
         self.commit(memory, len, time_ns);
-        (self.advance(memory, time_ns), notify(memory))
+        Ok((self.advance(memory, time_ns), notify(memory)))
     }
 
     /// Announces that the slot of the next message is about to change. From here on no reader accepts what was in it.
     #[inline]
-    pub(crate) fn begin(&self, memory: &Memory) {
+    pub(crate) fn begin(&mut self, memory: &Memory) -> Result<(), Pinned> {
         memory
             .u64(WRITE_INTENT)
             .store(self.next.wrapping_add(1), Ordering::Relaxed);
-        // The scan of pins, once there are pins, has its place here: behind a SeqCst fence, before the poison.
+        if pins::in_use(memory) {
+            self.leave_held_slot(memory)?;
+        }
+        self.begun = true;
         memory.slot(self.next).store(SLOT_SEQ_HI, POISON);
         // Release: meets the acquire fence in Reader::is_whole.
         fence(Ordering::Release);
+        Ok(())
+    }
+
+    /// Takes the announcement back if a reader holds the slot, so that all others may go on reading it.
+    #[cold]
+    fn leave_held_slot(&self, memory: &Memory) -> Result<(), Pinned> {
+        let holders = pins::holders(memory, self.next);
+        if holders == 0 {
+            return Ok(());
+        }
+        if !self.begun {
+            memory.u64(WRITE_INTENT).store(self.next, Ordering::Relaxed);
+        }
+        Err(Pinned { holders })
     }
 
     #[inline]
@@ -95,10 +128,17 @@ impl Writer {
     pub(crate) fn advance(&mut self, memory: &Memory, time_ns: u64) -> u64 {
         let sequence = self.next;
         self.next = sequence.wrapping_add(1);
+        self.begun = false;
         memory.u64(LAST_PUBLISH).store(time_ns, Ordering::Relaxed);
         // Release: meets the Acquire in reader::published.
         memory.u64(WRITE_IDX).store(self.next, Ordering::Release);
         sequence
+    }
+
+    /// Counts a message that was dropped since a reader holds its slot.
+    #[cold]
+    pub(crate) fn drop_pinned(&self, memory: &Memory) {
+        bump(memory.u64(DROPPED_PINNED), 1);
     }
 
     /// Counts a message that does not fit.
@@ -111,9 +151,7 @@ impl Writer {
 /// Tells readers that something changed; wakes them only if someone may be asleep.
 #[inline]
 pub(crate) fn notify(memory: &Memory) -> Wake {
-    // Release: meets the Acquire in wait::sleep.
-    memory.u32(FUTEX_WORD).fetch_add(1, Ordering::Release);
-    fence(Ordering::SeqCst);
+    add_one_and_fence(memory.u32(FUTEX_WORD));
     let claimed = memory.u32(SUBSCRIBER_MASK).load(Ordering::Relaxed);
     let native = memory.u32(NATIVE_MASK).load(Ordering::Relaxed);
     let waiting = memory.u32(WAITING_MASK).load(Ordering::Relaxed);

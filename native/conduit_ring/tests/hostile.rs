@@ -6,8 +6,8 @@ mod support;
 use std::time::Duration;
 
 use conduit_ring::{
-    Error, Geometry, Info, Policy, Publisher, PublisherOptions, Read, Start, Subscriber,
-    SubscriberOptions,
+    Error, Geometry, Guard, Info, Policy, Publisher, PublisherOptions, Read, Received, Start,
+    Subscriber, SubscriberOptions,
 };
 use proptest::prelude::*;
 use support::{Raw, Scratch};
@@ -55,9 +55,16 @@ fn use_file(bytes: &[u8]) {
         (Start::History(u32::MAX), Policy::All),
         (Start::Latest, Policy::Latest),
     ] {
-        match Subscriber::open(&topic, &SubscriberOptions { start, policy }) {
-            Ok(subscriber) => read_a_while(subscriber, bytes.len()),
-            Err(error) => assert!(is_documented(&error), "{error}"),
+        for guard in [Guard::Never, Guard::Always] {
+            let options = SubscriberOptions {
+                start,
+                policy,
+                guard,
+            };
+            match Subscriber::open(&topic, &options) {
+                Ok(subscriber) => read_a_while(subscriber, bytes.len()),
+                Err(error) => assert!(is_documented(&error), "{error}"),
+            }
         }
     }
     let options = PublisherOptions {
@@ -73,6 +80,13 @@ fn read_a_while(mut subscriber: Subscriber, file_len: usize) {
     for _ in 0..20 {
         match subscriber.try_read(&mut buffer) {
             Ok(Read::Message(meta)) => assert!(meta.len == buffer.len() && meta.len <= file_len),
+            Ok(_) => {}
+            Err(error) => assert!(is_documented(&error), "{error}"),
+        }
+        match subscriber.try_lease() {
+            Ok(Received::Message(meta, lease)) => {
+                assert!(lease.to_vec().len() == meta.len && meta.len <= file_len);
+            }
             Ok(_) => {}
             Err(error) => assert!(is_documented(&error), "{error}"),
         }
@@ -159,12 +173,13 @@ proptest! {
 
     #[test]
     fn a_header_that_changes_under_a_subscriber_is_survived(
-        changes in prop::collection::vec((0..HEADER / 8, interesting()), 1..60),
+        changes in prop::collection::vec((0..HEADER / 8, interesting()), 1..60), guarded in any::<bool>(),
     ) {
         let topic = Scratch::new();
         std::fs::write(topic.path(), sound(small(), 6)).unwrap();
         let raw = Raw::open(&topic).unwrap();
-        let options = SubscriberOptions { start: Start::History(4), ..Default::default() };
+        let guard = if guarded { Guard::Always } else { Guard::Never };
+        let options = SubscriberOptions { start: Start::History(4), guard, ..Default::default() };
         let mut subscriber = Subscriber::open(&topic, &options).unwrap();
         let mut buffer = Vec::new();
         for (word, value) in changes {

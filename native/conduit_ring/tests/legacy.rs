@@ -8,8 +8,8 @@ use std::sync::atomic::Ordering::*;
 use std::thread;
 
 use conduit_ring::{
-    Error, Info, Publisher, PublisherOptions, Read, Start, State, Subscriber, SubscriberOptions,
-    Topic,
+    Error, Info, Publisher, PublisherOptions, Read, Received, Start, State, Subscriber,
+    SubscriberOptions, Topic,
 };
 use support::{LONG, Raw, Scratch, next, next_message};
 
@@ -323,4 +323,21 @@ fn a_legacy_file_in_the_making_is_awaited() {
     let legacy = LegacyPublisher::create(&topic, 4096);
     legacy.publish(b"first");
     assert_eq!(sleeper.join().unwrap(), (Read::PublisherUp, (0, 0)));
+}
+
+#[test]
+fn a_lease_on_a_topic_of_a_legacy_publisher_is_a_copy() {
+    let topic = Scratch::new();
+    let legacy = LegacyPublisher::create(&topic, 4096);
+    let mut subscriber = subscriber(&topic, Start::New);
+    legacy.publish(b"held");
+    let Received::Message(meta, lease) = subscriber.try_lease().unwrap() else {
+        panic!("no message");
+    };
+    for _ in 0..10 {
+        legacy.publish(b"lapped");
+    }
+    assert_eq!((meta.sequence, lease.holds_slot()), (0, false));
+    assert_eq!(lease.to_vec(), b"held");
+    assert_eq!(legacy.raw.u32(144).load(Relaxed), 0);
 }

@@ -8,7 +8,8 @@
  *
  * Errors. Functions that can fail return 0 or a negative errno; conduit_ring_last_error() has the sentence.
  *   -EINVAL           the caller's mistake: a NULL that must not be one, a wrong name, value or abi_version
- *   -EBUSY            another publisher of this topic lives
+ *   -EBUSY            opening: another publisher of this topic lives; publishing: a subscriber holds the slot, counted,
+ *                     nothing published
  *   -EEXIST           the topic's file was made by a publisher without the extension and may be in use
  *                     (CONDUIT_RING_FORCE replaces it)
  *   -EPROTO           the topic's file is not a ring, or of an unknown version
@@ -117,7 +118,8 @@ int conduit_ring_publisher_open(const char *topic, const conduit_ring_publisher_
 
 /*
  * Publishes a message. Waits for no subscriber, and makes no system call unless one sleeps. `sequence`, which may be
- * NULL, gets its number; they count from 0. -EMSGSIZE when it does not fit.
+ * NULL, gets its number; they count from 0. -EMSGSIZE when it does not fit,
+ * -EBUSY when a subscriber holds the slot: then the message is dropped, and the next one gets its number.
  */
 int conduit_ring_publisher_publish(conduit_ring_publisher *publisher, const void *data, size_t size_bytes,
                                    uint64_t *sequence);

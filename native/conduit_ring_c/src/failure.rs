@@ -94,6 +94,7 @@ impl From<PublishError> for Failure {
     fn from(error: PublishError) -> Failure {
         let errno = match &error {
             PublishError::TooLarge { .. } => errno::EMSGSIZE,
+            PublishError::SlotHeld => errno::EBUSY,
             _ => errno::EIO,
         };
         Failure::new(errno, error.to_string())

@@ -333,6 +333,7 @@ unsafe fn read_options(
     Ok(SubscriberOptions {
         start: start(options.start, options.history)?,
         policy: policy(options.policy)?,
+        ..SubscriberOptions::default()
     })
 }
 

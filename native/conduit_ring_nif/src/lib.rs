@@ -6,6 +6,8 @@
 mod buffer;
 mod demand;
 mod exclusive;
+mod hot;
+mod lease;
 mod publisher;
 mod subscriber;
 mod terms;
@@ -19,6 +21,8 @@ rustler::init!("Elixir.BB.Ring.Native", load = load);
 fn load(env: Env, _info: Term) -> bool {
     env.register::<publisher::PublisherResource>().is_ok()
         && env.register::<subscriber::SubscriberResource>().is_ok()
+        && env.register::<lease::BinaryResource>().is_ok()
+        && env.register::<lease::LeaseResource>().is_ok()
 }
 
 /// Nanoseconds of the ring's clock, CLOCK_MONOTONIC_RAW.

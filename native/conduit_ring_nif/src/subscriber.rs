@@ -4,7 +4,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard};
 use std::time::Duration;
 
-use conduit_ring::{Meta, Policy, Received, Start, Subscriber, SubscriberOptions, Topic, Waker};
+use conduit_ring::{
+    Error, Guard, Lease, Meta, Policy, Received, Start, Subscriber, SubscriberOptions, Topic, Waker,
+};
 use rustler::env::SavedTerm;
 use rustler::{
     Atom, Encoder, Env, LocalPid, Monitor, NifMap, NifResult, NifTaggedEnum, NifUnitEnum, OwnedEnv,
@@ -51,6 +53,8 @@ enum Kind {
     Next,
     /// The newest message, or the word that there is none.
     Latest,
+    /// As `Latest`, without a copy.
+    Frame,
 }
 
 #[rustler::resource_impl]
@@ -121,6 +125,7 @@ impl Shared {
 struct OpenOptions {
     start: StartTerm,
     policy: PolicyTerm,
+    guard: GuardTerm,
 }
 
 #[derive(NifTaggedEnum)]
@@ -136,6 +141,13 @@ enum PolicyTerm {
     Latest,
 }
 
+#[derive(NifUnitEnum)]
+enum GuardTerm {
+    Auto,
+    Always,
+    Never,
+}
+
 impl From<OpenOptions> for SubscriberOptions {
     fn from(options: OpenOptions) -> Self {
         Self {
@@ -147,6 +159,11 @@ impl From<OpenOptions> for SubscriberOptions {
             policy: match options.policy {
                 PolicyTerm::All => Policy::All,
                 PolicyTerm::Latest => Policy::Latest,
+            },
+            guard: match options.guard {
+                GuardTerm::Auto => Guard::Auto,
+                GuardTerm::Always => Guard::Always,
+                GuardTerm::Never => Guard::Never,
             },
         }
     }
@@ -281,6 +298,14 @@ impl Reader {
                             kind: Kind::Latest,
                         },
                 }) => self.answer_latest(from, id),
+                Next::Answer(Request {
+                    id,
+                    what:
+                        Wanted {
+                            from,
+                            kind: Kind::Frame,
+                        },
+                }) => self.answer_frame(from, id),
                 Next::Answer(request) => self.answer(request),
                 Next::Deliver => self.deliver(),
                 Next::Park => {}
@@ -334,6 +359,29 @@ impl Reader {
         let result = self.read().ok_or_else(atoms::empty);
         self.ring.set_policy(self.policy);
         self.post.answer(&from, id, result);
+    }
+
+    fn answer_frame(&mut self, from: LocalPid, id: u64) {
+        self.ring.set_policy(Policy::Latest);
+        let lease = self.lease();
+        self.ring.set_policy(self.policy);
+        self.post.lend(&from, id, lease);
+    }
+
+    fn lease(&mut self) -> Result<Lease, Atom> {
+        loop {
+            match self.ring.try_lease() {
+                Ok(Received::Message(_meta, lease)) => return Ok(lease),
+                Ok(Received::Nothing) => return Err(atoms::empty()),
+                Ok(Received::PublisherUp) => self.post.event(atoms::publisher_up()),
+                Ok(Received::PublisherDown) => self.post.event(atoms::publisher_down()),
+                Err(Error::TooManyLeases { .. }) => return Err(atoms::too_many_leases()),
+                Err(error) => {
+                    self.report(&error);
+                    return Err(atoms::empty());
+                }
+            }
+        }
     }
 
     /// The next message, if there is one now. What else the ring has to say goes to the owner.
@@ -433,6 +481,16 @@ impl Post {
         self.send(to, |env, reference| {
             let result = match result {
                 Ok((meta, data)) => terms::ok(env, terms::message(env, meta, data)),
+                Err(reason) => terms::error(env, reason),
+            };
+            (atoms::bb_ring_reply(), reference, id, result).encode(env)
+        });
+    }
+
+    fn lend(&mut self, to: &LocalPid, id: u64, lease: Result<Lease, Atom>) {
+        self.send(to, |env, reference| {
+            let result = match lease {
+                Ok(lease) => terms::ok(env, terms::frame(env, lease)),
                 Err(reason) => terms::error(env, reason),
             };
             (atoms::bb_ring_reply(), reference, id, result).encode(env)

@@ -2,17 +2,21 @@
 
 use std::path::Path;
 
-use conduit_ring::{Error, Info, Meta, PublishError, Reader, State};
+use conduit_ring::{Error, Info, Lease, Meta, PublishError, Reader, State};
 use rustler::{Atom, Binary, Encoder, Env, NifMap, NifStruct, Term};
 
 use crate::buffer::Buffer;
+use crate::lease::LeaseResource;
+
+/// Up to this length a copy costs less than to lend and take back.
+const LENT_FROM: usize = 64 * 1024;
 
 /// Atoms by name.
 pub mod atoms {
     rustler::atoms! {
         active, bb_ring, bb_ring_closed, bb_ring_passive, bb_ring_reply, busy, closed, dead, empty, invalid, legacy,
         legacy_topic, live, message_too_large, no_reader_slot, no_topic, not_a_ring, passive, publisher_alive,
-        publisher_down, publisher_up, retired, system, thread, timeout, unknown,
+        publisher_down, publisher_up, retired, slot_held, system, thread, timeout, too_many_leases, unknown,
     }
 }
 
@@ -37,13 +41,29 @@ pub fn error<'a>(env: Env<'a>, reason: impl Encoder) -> Term<'a> {
 
 /// A message as a `%BB.Ring.Message{}`.
 pub fn message(env: Env<'_>, meta: Meta, data: Buffer) -> Term<'_> {
+    lent_message(env, meta, data.into_binary(env))
+}
+
+/// As [`message`], of a binary.
+pub fn lent_message<'a>(env: Env<'a>, meta: Meta, data: Binary<'a>) -> Term<'a> {
     let message = Message {
         sequence: meta.sequence,
         timestamp_ns: meta.timestamp_ns,
         lost: meta.lost,
-        data: data.into_binary(env),
+        data,
     };
     message.encode(env)
+}
+
+/// The handle of a lent message; a short message is copied, and there is nothing to lend.
+pub fn frame(env: Env<'_>, lease: Lease) -> Term<'_> {
+    let meta = lease.meta();
+    if meta.len > LENT_FROM {
+        return LeaseResource::new(lease).encode(env);
+    }
+    let mut data = Buffer::with_len(meta.len);
+    lease.read_at(0, data.as_mut());
+    message(env, meta, data)
 }
 
 /// A topic as it stands, as `t:BB.Ring.info/0`.
@@ -72,6 +92,7 @@ struct ReaderTerm {
     alive: bool,
     next_sequence: u64,
     lost: u64,
+    leases: u32,
 }
 
 impl From<Info> for InfoTerm {
@@ -103,6 +124,7 @@ impl From<Reader> for ReaderTerm {
             alive: reader.alive,
             next_sequence: reader.next_sequence,
             lost: reader.lost,
+            leases: reader.leases,
         }
     }
 }
@@ -152,6 +174,7 @@ fn text(path: &Path) -> String {
 pub fn publish_error(failed: &PublishError) -> Atom {
     match failed {
         PublishError::TooLarge { .. } => atoms::message_too_large(),
+        PublishError::SlotHeld => atoms::slot_held(),
         _ => atoms::closed(),
     }
 }

@@ -120,16 +120,16 @@ fn refused(object: &Bound<'_, PyAny>, error: PyErr) -> PyErr {
 /// Shows bytes that `owner` keeps in place, for reading only.
 ///
 /// # Safety
-/// As `__getbuffer__` is called: `view` is Python's to fill. The bytes stay where and as they are while `owner` lives.
+/// As `__getbuffer__` is called: `view` is Python's to fill. The `len` bytes from `start` stay where and as they are while `owner` lives.
 pub(crate) unsafe fn show(
     owner: &Bound<'_, PyAny>,
-    bytes: &[u8],
+    start: *const u8,
+    len: usize,
     view: *mut ffi::Py_buffer,
     flags: c_int,
 ) -> PyResult<()> {
     const READ_ONLY: c_int = 1;
-    let len = bytes.len() as ffi::Py_ssize_t;
-    let start = bytes.as_ptr().cast_mut().cast();
+    let (start, len) = (start.cast_mut().cast(), len as ffi::Py_ssize_t);
     // SAFETY: the view is Python's, it takes a reference to the owner, and nobody writes to what is read-only.
     let status =
         unsafe { ffi::PyBuffer_FillInfo(view, owner.as_ptr(), start, len, READ_ONLY, flags) };

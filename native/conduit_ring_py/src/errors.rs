@@ -13,6 +13,7 @@ import_exception!(conduit_ring._types, BadSegmentError);
 import_exception!(conduit_ring._types, LeaseLimitError);
 import_exception!(conduit_ring._types, ClosedError);
 import_exception!(conduit_ring._types, MessageTooLargeError);
+import_exception!(conduit_ring._types, SlotHeldError);
 
 /// The caller's mistakes become a `ValueError`, the operating system's answers an `OSError`, the rest a `RingError`.
 pub(crate) fn of_ring(error: Error) -> PyErr {
@@ -21,6 +22,7 @@ pub(crate) fn of_ring(error: Error) -> PyErr {
         Error::InvalidTopic { .. } | Error::InvalidGeometry { .. } => PyValueError::new_err(text),
         Error::PublisherAlive { pid, .. } => PublisherAliveError::new_err((text, pid)),
         Error::NoReaderSlot { .. } => NoReaderSlotError::new_err(text),
+        Error::TooManyLeases { .. } => LeaseLimitError::new_err(text),
         Error::NoTopic { .. } => NoTopicError::new_err(text),
         Error::BadSegment { .. } | Error::LegacyInUse { .. } => BadSegmentError::new_err(text),
         Error::Os {
@@ -41,6 +43,7 @@ pub(crate) fn of_ring(error: Error) -> PyErr {
 pub(crate) fn of_publish(error: PublishError) -> PyErr {
     match error {
         PublishError::TooLarge { .. } => MessageTooLargeError::new_err(error.to_string()),
+        PublishError::SlotHeld => SlotHeldError::new_err(error.to_string()),
         _ => RingError::new_err(error.to_string()),
     }
 }

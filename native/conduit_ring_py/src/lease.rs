@@ -1,11 +1,12 @@
 //! A message lent for the length of a block.
 //!
-//! The memory belongs to a [`Loan`], which whatever shows it keeps alive: an array that outlives the block keeps looking at
-//! its own message, never at another one. A loan is a copy now; once it is a held slot of the ring, nothing else changes.
+//! The memory belongs to a [`Loan`], which whatever shows it keeps alive. When something still does at the end of the block,
+//! the ring gets its slot back and the loan keeps the bytes at the same address: an array that outlives the block keeps
+//! looking at its own message, never at another one.
 
 use std::ffi::c_int;
 use std::mem;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use conduit_ring::Meta;
 use pyo3::exceptions::PyValueError;
@@ -13,62 +14,15 @@ use pyo3::ffi;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyMemoryView, PyTuple};
 
-use crate::bytes;
-use crate::errors::LeaseLimitError;
-use crate::message;
+use crate::fork::Own;
 use crate::subscriber::Subscriber;
 use crate::timeout::Deadline;
+use crate::{bytes, errors, message};
 
-/// Leases of one subscriber at once.
-const LIMIT: usize = 3;
-
-/// A subscriber's buffers: those at rest, and how many are out.
-#[derive(Default)]
-pub(crate) struct Pool {
-    state: Mutex<PoolState>,
-}
-
-#[derive(Default)]
-struct PoolState {
-    at_rest: Vec<Vec<u8>>,
-    out: usize,
-}
-
-impl Pool {
-    fn change<R>(&self, act: impl FnOnce(&mut PoolState) -> R) -> R {
-        act(&mut self.state.lock().unwrap_or_else(PoisonError::into_inner))
-    }
-
-    fn take(self: &Arc<Self>) -> PyResult<(Loan, Ticket)> {
-        let taken = self.change(|state| {
-            let is_free = state.out < LIMIT;
-            state.out += usize::from(is_free);
-            is_free.then(|| state.at_rest.pop().unwrap_or_default())
-        });
-        let bytes = taken.ok_or_else(|| {
-            LeaseLimitError::new_err(format!(
-                "{LIMIT} leases of this subscriber are held already; leave one of their blocks first"
-            ))
-        })?;
-        let pool = Arc::clone(self);
-        Ok((Loan { bytes, pool }, Ticket(Arc::clone(self))))
-    }
-}
-
-/// One of the leases that a subscriber may have at once.
-struct Ticket(Arc<Pool>);
-
-impl Drop for Ticket {
-    fn drop(&mut self) {
-        self.0.change(|state| state.out -= 1);
-    }
-}
-
-/// The memory of one lease. It is used again when nothing shows it any more.
+/// The memory of one lease.
 #[pyclass(frozen, module = "conduit_ring")]
 pub(crate) struct Loan {
-    bytes: Vec<u8>,
-    pool: Arc<Pool>,
+    lease: Mutex<Own<conduit_ring::Lease>>,
 }
 
 #[pymethods]
@@ -78,32 +32,32 @@ impl Loan {
         view: *mut ffi::Py_buffer,
         flags: c_int,
     ) -> PyResult<()> {
-        // SAFETY: Python calls it; a loan's bytes do not change or move once it is an object.
-        unsafe { bytes::show(slf.as_any(), &slf.get().bytes, view, flags) }
+        let (start, len) = slf.get().with(|lease| (lease.as_ptr(), lease.len()));
+        // SAFETY: Python calls it; the bytes stay at this address until the loan is dropped, and as they are as long as all
+        // processes that may write the topic keep to the protocol, which the documentation asks for.
+        unsafe { bytes::show(slf.as_any(), start, len, view, flags) }
     }
 }
 
-impl Drop for Loan {
-    fn drop(&mut self) {
-        let bytes = mem::take(&mut self.bytes);
-        self.pool.change(|state| {
-            if state.at_rest.len() < LIMIT {
-                state.at_rest.push(bytes);
-            }
-        });
+impl Loan {
+    /// Runs no Python.
+    fn with<R>(&self, act: impl FnOnce(&mut conduit_ring::Lease) -> R) -> R {
+        let mut lease = self.lease.lock().unwrap_or_else(PoisonError::into_inner);
+        act(lease.get())
     }
 }
 
 /// A message lent for the length of a ``with`` block, from :meth:`Subscriber.lease`.
 ///
+/// It is not copied: ``data`` and ``array`` look at the ring itself, and the publisher leaves the slot alone meanwhile. It does
+/// not wait: when it has gone round the ring and comes to this slot, it drops its *new* messages until the block is left. So
+/// leave it within ``slot_count - 1`` periods of the topic. A subscriber has at most three leases at once. Where no publisher
+/// would respect a hold (one without the extension, or a message that it is about to overwrite) the lease is a copy:
+/// :attr:`holds_slot` tells.
+///
 /// At the block's end the lease is over: :attr:`data`, :meth:`array` and :meth:`tobytes` raise ``ValueError`` then, and so
 /// does a ``memoryview`` from :attr:`data`. A numpy array cannot be made to raise: one that you keep beyond the block stays
-/// what it is and never shows another message, but the memory is its own then, and the next lease has to get new. So
-/// compute inside the block. A subscriber has at most three leases at once.
-///
-/// What it costs today: one copy out of the ring into a buffer that is used again and again, so nothing is allocated or
-/// zeroed for a message, and no copy beyond that one. The block is drawn such that it can become a view of the ring's own
-/// memory, without that copy and without a change to programs.
+/// what it is and never shows another message, at the cost of a copy when the block is left. So compute inside the block.
 #[pyclass(frozen, module = "conduit_ring")]
 pub(crate) struct Lease {
     subscriber: Py<Subscriber>,
@@ -117,7 +71,6 @@ enum Stage {
         loan: Py<Loan>,
         meta: Meta,
         views: Vec<Py<PyMemoryView>>,
-        _ticket: Ticket,
     },
     Over,
 }
@@ -142,6 +95,12 @@ impl Lease {
         self.held(|_, meta, _| meta.lost)
     }
 
+    /// Whether the publisher leaves a slot alone for it; otherwise it is a copy.
+    #[getter]
+    fn holds_slot(&self) -> PyResult<bool> {
+        self.held(|loan, _, _| loan.get().with(|lease| lease.holds_slot()))
+    }
+
     /// The message as a read-only ``memoryview``, which ends with the block.
     #[getter]
     fn data(&self, py: Python<'_>) -> PyResult<Py<PyMemoryView>> {
@@ -153,7 +112,13 @@ impl Lease {
 
     /// A copy of the message, to be kept.
     fn tobytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        Ok(PyBytes::new(py, &self.loan(py)?.get().bytes))
+        let loan = self.loan(py)?;
+        loan.get().with(|lease| {
+            PyBytes::new_with(py, lease.len(), |bytes| {
+                lease.read_at(0, bytes);
+                Ok(())
+            })
+        })
     }
 
     /// The message as a read-only numpy array, as :meth:`Message.array`, for use inside the block.
@@ -184,28 +149,38 @@ impl Lease {
             ));
         }
         let subscriber = slf.subscriber.get();
-        let (mut loan, ticket) = subscriber.leases().take()?;
         let deadline = Deadline::after(slf.timeout)?;
-        let meta = subscriber.next_message(py, &mut loan.bytes, deadline)?;
+        let lease = subscriber.next_of(py, deadline, conduit_ring::Subscriber::try_lease)?;
+        let meta = lease.meta();
+        let loan = Loan {
+            lease: Mutex::new(Own::new(lease)),
+        };
         let held = Stage::Held {
             loan: Py::new(py, loan)?,
             meta,
             views: Vec::new(),
-            _ticket: ticket,
         };
         *slf.lock() = held;
         Ok(slf)
     }
 
     #[pyo3(signature = (*_exception))]
-    fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, PyTuple>) {
+    fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, PyTuple>) -> PyResult<()> {
         let stage = mem::replace(&mut *self.lock(), Stage::Over);
-        if let Stage::Held { views, .. } = stage {
-            for view in views {
-                // Refused while an array looks through it: that keeps the loan, and with it what it looks at.
-                let _ = view.call_method0(py, "release");
-            }
+        let Stage::Held { loan, views, .. } = stage else {
+            return Ok(());
+        };
+        for view in views {
+            // Refused while something looks through it: that keeps the loan.
+            let _ = view.call_method0(py, "release");
         }
+        // SAFETY: an object that is held here, while attached to Python.
+        let is_shown = unsafe { ffi::Py_REFCNT(loan.as_ptr()) } > 1;
+        if is_shown {
+            let detached = py.detach(|| loan.get().with(conduit_ring::Lease::detach));
+            detached.map_err(errors::of_ring)?;
+        }
+        Ok(())
     }
 
     fn __repr__(&self) -> String {
@@ -238,9 +213,7 @@ impl Lease {
         act: impl FnOnce(&Py<Loan>, &Meta, &mut Vec<Py<PyMemoryView>>) -> R,
     ) -> PyResult<R> {
         match &mut *self.lock() {
-            Stage::Held {
-                loan, meta, views, ..
-            } => Ok(act(loan, meta, views)),
+            Stage::Held { loan, meta, views } => Ok(act(loan, meta, views)),
             Stage::Before => Err(PyValueError::new_err("a lease is used in a with block")),
             Stage::Over => Err(PyValueError::new_err(
                 "the lease is over: its block was left",
@@ -249,7 +222,7 @@ impl Lease {
     }
 
     /// Held for moments, in which no Python runs.
-    fn lock(&self) -> std::sync::MutexGuard<'_, Stage> {
+    fn lock(&self) -> MutexGuard<'_, Stage> {
         self.stage.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

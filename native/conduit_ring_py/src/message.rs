@@ -92,8 +92,9 @@ impl Message {
         view: *mut ffi::Py_buffer,
         flags: c_int,
     ) -> PyResult<()> {
+        let message = &slf.get().bytes;
         // SAFETY: Python calls it; a message's bytes never change or move.
-        unsafe { bytes::show(slf.as_any(), &slf.get().bytes, view, flags) }
+        unsafe { bytes::show(slf.as_any(), message.as_ptr(), message.len(), view, flags) }
     }
 }
 

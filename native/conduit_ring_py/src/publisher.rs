@@ -83,8 +83,8 @@ impl Publisher {
     /// ``memoryview``, ``array.array``, a numpy array, a :class:`Message`. Several are joined to one message, each copied
     /// straight into the ring: ``publisher.publish(header, pixels)``.
     ///
-    /// Raises :class:`MessageTooLargeError` if it does not fit into a slot (nothing is published), ``TypeError`` for what
-    /// has no bytes, ``ValueError`` for an array that is not contiguous, :class:`ClosedError` after :meth:`close`.
+    /// Raises :class:`MessageTooLargeError` if it does not fit into a slot and :class:`SlotHeldError` if a subscriber's lease
+    /// holds the slot (nothing is published, and the next message gets the number), ``TypeError`` for what has no bytes, ``ValueError`` for an array that is not contiguous, :class:`ClosedError` after :meth:`close`.
     #[pyo3(signature = (message, /, *more))]
     fn publish(
         &self,

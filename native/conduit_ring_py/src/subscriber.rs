@@ -4,10 +4,10 @@ use std::sync::atomic::{
     AtomicBool, AtomicU64,
     Ordering::{Relaxed, SeqCst},
 };
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use conduit_ring::{Meta, Policy, Read, Start, SubscriberOptions, Topic, Waker};
+use conduit_ring::{Error, Policy, Read, Received, Start, SubscriberOptions, Topic, Waker};
 use pyo3::exceptions::{PyRuntimeError, PyTimeoutError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -15,7 +15,7 @@ use pyo3::types::{PyString, PyTuple};
 
 use crate::errors::{self, ClosedError};
 use crate::fork::{Birth, Own};
-use crate::lease::{Lease, Pool};
+use crate::lease::Lease;
 use crate::message::Message;
 use crate::timeout::Deadline;
 
@@ -46,7 +46,6 @@ pub(crate) struct Subscriber {
     birth: Birth,
     waker: Waker,
     inner: Mutex<Option<Own<conduit_ring::Subscriber>>>,
-    leases: Arc<Pool>,
     closed: AtomicBool,
     reading: AtomicBool,
     publisher_up: AtomicBool,
@@ -68,6 +67,7 @@ impl Subscriber {
         let options = SubscriberOptions {
             start: start.map_or(Ok(Start::New), start_of)?,
             policy: policy_of(policy)?,
+            ..SubscriberOptions::default()
         };
         let subscriber = py
             .detach(|| conduit_ring::Subscriber::open(&topic, &options))
@@ -78,7 +78,6 @@ impl Subscriber {
             waker: subscriber.waker(),
             publisher_up: AtomicBool::new(subscriber.publisher_up()),
             inner: Mutex::new(Some(Own::new(subscriber))),
-            leases: Arc::default(),
             closed: AtomicBool::new(false),
             reading: AtomicBool::new(false),
             delivered: AtomicU64::new(0),
@@ -93,20 +92,17 @@ impl Subscriber {
     /// see :meth:`next_event`.
     #[pyo3(signature = (timeout=None))]
     fn recv(&self, py: Python<'_>, timeout: Option<f64>) -> PyResult<Message> {
-        let mut bytes = Vec::new();
-        let meta = self.next_message(py, &mut bytes, Deadline::after(timeout)?)?;
-        Ok(Message { bytes, meta })
+        self.next_of(py, Deadline::after(timeout)?, take_message)
     }
 
     /// The next message if there is one, else ``None``. Never waits.
     fn try_read(&self, py: Python<'_>) -> PyResult<Option<Message>> {
         let _turn = self.take_turn()?;
-        let mut bytes = Vec::new();
         loop {
-            match self.step(py, &mut bytes, Duration::ZERO)? {
-                Read::Message(meta) => return Ok(Some(Message { bytes, meta })),
-                Read::Nothing => return Ok(None),
-                Read::PublisherUp | Read::PublisherDown => {}
+            match self.step(py, Duration::ZERO, take_message)? {
+                Received::Message(_, message) => return Ok(Some(message)),
+                Received::Nothing => return Ok(None),
+                Received::PublisherUp | Received::PublisherDown => {}
             }
         }
     }
@@ -118,10 +114,9 @@ impl Subscriber {
     fn next_event(&self, py: Python<'_>, timeout: Option<f64>) -> PyResult<Py<PyAny>> {
         let deadline = Deadline::after(timeout)?;
         let _turn = self.take_turn()?;
-        let mut bytes = Vec::new();
-        match self.wait(py, &mut bytes, deadline)? {
-            Read::Message(meta) => Ok(Py::new(py, Message { bytes, meta })?.into_any()),
-            Read::PublisherUp => publisher_event(py, "UP"),
+        match self.wait(py, deadline, take_message)? {
+            Received::Message(_, message) => Ok(Py::new(py, message)?.into_any()),
+            Received::PublisherUp => publisher_event(py, "UP"),
             _ => publisher_event(py, "DOWN"),
         }
     }
@@ -135,7 +130,7 @@ impl Subscriber {
         Events { subscriber: slf }
     }
 
-    /// Lends the next message for the length of a ``with`` block, in memory that is used again: for large ones.
+    /// Lends the next message for the length of a ``with`` block, where it lies in the ring: for large ones.
     ///
     /// >>> with subscriber.lease(timeout=1.0) as frame:                   # doctest: +SKIP
     /// ...     brightness = frame.array("uint8", (480, 640)).mean()
@@ -226,66 +221,68 @@ impl Subscriber {
 }
 
 impl Subscriber {
-    /// Waits for a message and takes it into `bytes`.
-    pub(crate) fn next_message(
+    /// Waits for a message and takes it by `take`.
+    pub(crate) fn next_of<T: Send>(
         &self,
         py: Python<'_>,
-        bytes: &mut Vec<u8>,
         deadline: Deadline,
-    ) -> PyResult<Meta> {
+        take: Take<T>,
+    ) -> PyResult<T> {
         let _turn = self.take_turn()?;
         loop {
-            if let Read::Message(meta) = self.wait(py, bytes, deadline)? {
-                return Ok(meta);
+            if let Received::Message(_, message) = self.wait(py, deadline, take)? {
+                return Ok(message);
             }
         }
     }
 
-    pub(crate) fn leases(&self) -> &Arc<Pool> {
-        &self.leases
-    }
-
     /// Waits for anything, in slices between which Python's signal handlers run. They may close this subscriber, so no
     /// lock is held then.
-    fn wait(&self, py: Python<'_>, bytes: &mut Vec<u8>, deadline: Deadline) -> PyResult<Read> {
+    fn wait<T: Send>(
+        &self,
+        py: Python<'_>,
+        deadline: Deadline,
+        take: Take<T>,
+    ) -> PyResult<Received<T>> {
         loop {
             let slice = deadline.slice();
-            match self.step(py, bytes, slice)? {
-                Read::Nothing if slice.is_zero() => {
+            match self.step(py, slice, take)? {
+                Received::Nothing if slice.is_zero() => {
                     return Err(PyTimeoutError::new_err(format!(
                         "no message on {:?} in time",
                         self.topic.name()
                     )));
                 }
-                Read::Nothing => py.check_signals()?,
-                read => return Ok(read),
+                Received::Nothing => py.check_signals()?,
+                received => return Ok(received),
             }
         }
     }
 
-    fn step(&self, py: Python<'_>, bytes: &mut Vec<u8>, timeout: Duration) -> PyResult<Read> {
-        let read = py.detach(|| {
+    fn step<T: Send>(
+        &self,
+        py: Python<'_>,
+        timeout: Duration,
+        take: Take<T>,
+    ) -> PyResult<Received<T>> {
+        let received = py.detach(|| {
             let mut guard = self.lock();
             let Some(subscriber) = guard.as_mut().filter(|_| !self.closed.load(SeqCst)) else {
                 return Ok(None);
             };
-            let subscriber = subscriber.get();
-            let read = if timeout.is_zero() {
-                subscriber.try_read(bytes)
-            } else {
-                subscriber.read_timeout(bytes, timeout)
-            };
-            self.publisher_up.store(subscriber.publisher_up(), Relaxed);
-            read.map(Some)
+            let received = take_in_time(subscriber.get(), timeout, take);
+            self.publisher_up
+                .store(subscriber.get().publisher_up(), Relaxed);
+            received.map(Some)
         });
-        let read = read
+        let received = received
             .map_err(errors::of_ring)?
             .ok_or_else(|| errors::closed("subscriber"))?;
-        if let Read::Message(meta) = read {
+        if let Received::Message(meta, _) = received {
             self.delivered.fetch_add(1, Relaxed);
             self.lost.fetch_add(meta.lost, Relaxed);
         }
-        Ok(read)
+        Ok(received)
     }
 
     fn take_turn(&self) -> PyResult<Turn<'_>> {
@@ -300,6 +297,35 @@ impl Subscriber {
 
     fn lock(&self) -> MutexGuard<'_, Option<Own<conduit_ring::Subscriber>>> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// How the next message is taken.
+pub(crate) type Take<T> = fn(&mut conduit_ring::Subscriber) -> Result<Received<T>, Error>;
+
+/// As a copy.
+fn take_message(subscriber: &mut conduit_ring::Subscriber) -> Result<Received<Message>, Error> {
+    let mut bytes = Vec::new();
+    Ok(match subscriber.try_read(&mut bytes)? {
+        Read::Message(meta) => Received::Message(meta, Message { bytes, meta }),
+        Read::Nothing => Received::Nothing,
+        Read::PublisherUp => Received::PublisherUp,
+        Read::PublisherDown => Received::PublisherDown,
+    })
+}
+
+/// Waits once, if there is nothing yet.
+fn take_in_time<T>(
+    subscriber: &mut conduit_ring::Subscriber,
+    timeout: Duration,
+    take: Take<T>,
+) -> Result<Received<T>, Error> {
+    match take(subscriber)? {
+        Received::Nothing if !timeout.is_zero() => {
+            subscriber.wait(timeout)?;
+            take(subscriber)
+        }
+        received => Ok(received),
     }
 }
 

@@ -1,7 +1,7 @@
 import numpy
 import pytest
 
-from conduit_ring import LeaseLimitError, Publisher, RingError, Subscriber
+from conduit_ring import LeaseLimitError, Publisher, RingError, SlotHeldError, Subscriber
 
 
 @pytest.fixture
@@ -39,6 +39,7 @@ def test_it_cannot_be_used_outside_its_block(publisher, subscriber):
         lambda: lease.sequence,
         lambda: lease.timestamp_ns,
         lambda: lease.lost,
+        lambda: lease.holds_slot,
         lambda: len(lease),
         lease.tobytes,
         lease.array,
@@ -93,7 +94,7 @@ def test_three_leases_may_be_held_at_once(publisher, subscriber):
     with subscriber.lease() as a, subscriber.lease() as b:
         with subscriber.lease() as c:
             assert [bytes(lease.data) for lease in (a, b, c)] == [b"\0", b"\1", b"\2"]
-            with pytest.raises(LeaseLimitError, match="3 leases"):
+            with pytest.raises(LeaseLimitError, match="3 leases already"):
                 subscriber.lease().__enter__()
         with subscriber.lease() as d:
             assert d.data == b"\3"
@@ -109,13 +110,47 @@ def test_any_number_of_arrays_may_be_kept(publisher, subscriber):
     assert [(array.min(), array.max()) for array in kept] == [(n, n) for n in range(20)]
 
 
-def test_the_same_memory_is_used_again(publisher, subscriber):
-    addresses = set()
-    for _ in range(20):
+def is_in_the_ring(array, topic):
+    address = array.ctypes.data
+    with open("/proc/self/maps") as maps:
+        for line in maps:
+            start, end = (int(bound, 16) for bound in line.split()[0].split("-"))
+            if start <= address < end:
+                return line.rstrip().endswith(f"conduit_{topic}")
+    raise AssertionError("no memory there")
+
+
+def test_a_message_is_looked_at_where_it_lies(topic, publisher, subscriber):
+    # A first lease may be a copy: the publisher does not look for holds before it.
+    for n in range(3):
         publisher.publish(bytes(100_000))
         with subscriber.lease() as frame:
-            addresses.add(frame.array().ctypes.data)
-    assert len(addresses) == 1
+            array = frame.array()
+            held = frame.holds_slot
+            assert is_in_the_ring(array, topic) == held
+    assert held
+    assert not is_in_the_ring(array, topic), "kept beyond its block"
+
+
+def test_a_publisher_drops_what_would_overwrite_a_lease(topic):
+    with Publisher(topic, slot_count=4) as publisher, Subscriber(topic) as subscriber:
+        for n in range(4):
+            publisher.publish(b"%d" % n)
+            with subscriber.lease():
+                pass
+        publisher.publish(b"held")
+        with subscriber.lease() as frame:
+            array = frame.array()
+            for _ in range(3):
+                publisher.publish(b"others")
+            for _ in range(2):
+                with pytest.raises(SlotHeldError, match="holds the slot"):
+                    publisher.publish(b"dropped")
+            assert bytes(frame.data) == array.tobytes() == b"held"
+            assert frame.holds_slot
+        assert publisher.info().dropped_pinned == 2
+        assert publisher.publish(b"after") == 8
+        assert array.tobytes() == b"held"
 
 
 def test_a_lease_that_timed_out_is_not_held(subscriber, publisher):

@@ -57,7 +57,7 @@ fn set_legacy_bits(topic: &Topic, bits: u8) {
 
 #[test]
 fn a_shm_littered_by_kills_is_repaired_and_the_living_go_on() {
-    let scratch = Scratch::new();
+    let scratch = Scratch::alone();
     let live = scratch.topic("live");
     let mut living = publisher(&live, ContentTag::RAW);
     let reader = Helper::start("subscribe", &live);
@@ -135,7 +135,7 @@ fn a_shm_littered_by_kills_is_repaired_and_the_living_go_on() {
 
 #[test]
 fn a_dead_topic_that_a_reader_waits_on_is_told_and_left() {
-    let scratch = Scratch::new();
+    let scratch = Scratch::alone();
     let topic = scratch.topic("a");
     let publisher = Helper::start("publish", &topic);
     let reader = Helper::start("subscribe", &topic);
@@ -162,7 +162,7 @@ fn a_dead_topic_that_a_reader_waits_on_is_told_and_left() {
 
 #[test]
 fn keep_dead_leaves_a_file_to_a_successor_and_clears_what_is_dead_in_it() {
-    let scratch = Scratch::new();
+    let scratch = Scratch::alone();
     let topic = scratch.topic("a");
     let mut publisher = publisher(&topic, ContentTag::RAW);
     publisher.publish(b"one").unwrap();
@@ -182,7 +182,7 @@ fn keep_dead_leaves_a_file_to_a_successor_and_clears_what_is_dead_in_it() {
 
 #[test]
 fn legacy_bits_in_a_topic_that_lives_are_not_touched() {
-    let scratch = Scratch::new();
+    let scratch = Scratch::alone();
     let topic = scratch.topic("a");
     let publisher = publisher(&topic, ContentTag::RAW);
     set_legacy_bits(&topic, 0b1);
@@ -192,7 +192,7 @@ fn legacy_bits_in_a_topic_that_lives_are_not_touched() {
 
 #[test]
 fn a_legacy_file_is_removed_once_nobody_has_it() {
-    let scratch = Scratch::new();
+    let scratch = Scratch::alone();
     let topic = scratch.topic("a");
     write_legacy(&topic);
     let held = OpenOptions::new()
@@ -209,7 +209,7 @@ fn a_legacy_file_is_removed_once_nobody_has_it() {
 
 #[test]
 fn what_is_none_of_ours_is_told_and_never_touched() {
-    let scratch = Scratch::new();
+    let scratch = Scratch::alone();
     let [notes, folder, link] = ["notes", "folder", "link"].map(|name| scratch.topic(name));
     write(&notes, b"buy milk");
     fs::create_dir(folder.path()).unwrap();
@@ -231,7 +231,7 @@ fn what_is_none_of_ours_is_told_and_never_touched() {
 
 #[test]
 fn without_json_a_problem_is_a_line_with_its_remedy() {
-    let scratch = Scratch::new();
+    let scratch = Scratch::alone();
     let topic = scratch.topic("a");
     let publisher = Helper::start("publish", &topic);
     let pid = publisher.pid();
@@ -255,7 +255,7 @@ fn without_json_a_problem_is_a_line_with_its_remedy() {
 
 #[test]
 fn a_successor_finds_its_way_after_a_repair() {
-    let scratch = Scratch::new();
+    let scratch = Scratch::alone();
     let topic = scratch.topic("a");
     Helper::start("publish", &topic).kill();
     assert_eq!(doctor(&scratch, &["--fix"]).status, Some(0));

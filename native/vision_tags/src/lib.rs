@@ -16,7 +16,7 @@ pub mod options;
 
 use complaint::Complaints;
 use conduit_ring::{
-    ContentTag, Geometry, Meta, Policy, Publisher, PublisherOptions, Read, Start, Subscriber,
+    ContentTag, Geometry, Meta, Policy, Publisher, PublisherOptions, Read, Subscriber,
     SubscriberOptions, Topic, clock,
 };
 use eye::{Eye, LookError};
@@ -123,8 +123,8 @@ fn publisher(topic: &Topic) -> Result<Publisher, Failure> {
 
 fn subscriber(topic: &Topic) -> Result<Subscriber, Failure> {
     let options = SubscriberOptions {
-        start: Start::New,
         policy: Policy::Latest,
+        ..SubscriberOptions::default()
     };
     Subscriber::open(topic, &options).map_err(world)
 }

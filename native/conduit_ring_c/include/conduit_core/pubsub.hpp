@@ -43,10 +43,11 @@ public:
     handle_.reset(opened);
   }
 
-  /// Publishes a copy of `size` bytes. Never waits. False, and nothing is published, when they do not fit into a slot.
+  /// Publishes a copy of `size` bytes. Never waits. False, and nothing is published, when they do not fit into a slot, or
+  /// while a subscriber holds the slot.
   bool publish(const void* data, std::size_t size) {
     const int status = conduit_ring_publisher_publish(handle_.get(), data, size, nullptr);
-    if (status == -EMSGSIZE) return false;
+    if (status == -EMSGSIZE || status == -EBUSY) return false;
     detail::check(status);
     return true;
   }

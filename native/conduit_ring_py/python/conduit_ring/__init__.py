@@ -52,6 +52,7 @@ from ._types import (
     PublisherEvent,
     ReaderInfo,
     RingError,
+    SlotHeldError,
     TopicInfo,
 )
 
@@ -71,6 +72,7 @@ __all__ = [
     "PublisherEvent",
     "ReaderInfo",
     "RingError",
+    "SlotHeldError",
     "Subscriber",
     "TopicInfo",
     "content_tag",

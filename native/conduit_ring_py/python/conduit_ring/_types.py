@@ -40,6 +40,10 @@ class LeaseLimitError(RingError):
     """Three leases of the subscriber are held already."""
 
 
+class SlotHeldError(RingError):
+    """A subscriber's lease holds the message that this one would overwrite. It was dropped and counted."""
+
+
 class ClosedError(RingError, ValueError):
     """The publisher or subscriber is closed."""
 

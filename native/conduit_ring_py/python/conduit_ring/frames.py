@@ -177,9 +177,8 @@ class Frame:
         dtype = numpy.dtype(kind)
         row = header.width * depth * dtype.itemsize
         _check_rows(header, row)
-        shape, strides = (header.height, header.width), (header.stride, depth * dtype.itemsize)
-        if depth > 1:
-            shape, strides = shape + (depth,), strides + (dtype.itemsize,)
+        axes = [(header.height, header.stride), (header.width, depth * dtype.itemsize), (depth, dtype.itemsize)]
+        shape, strides = zip(*(axes if depth > 1 else axes[:2]))
         # An array of the bytes holds on to their memory, which a bare memoryview would not.
         flat = numpy.frombuffer(self.data, numpy.uint8)
         return numpy.ndarray(shape, dtype, buffer=flat, strides=strides)
@@ -190,7 +189,8 @@ def decode(message: Source) -> Frame:
 
     Raises :class:`FrameError` if it is not one. What lies behind the pixels is ignored.
     """
-    data = memoryview(getattr(message, "data", message)).cast("B")
+    source: Any = message
+    data = memoryview(getattr(source, "data", source)).cast("B")
     header = FrameHeader.parse(data)
     rest = data[FrameHeader.SIZE :]
     if header.width == 0 or header.height == 0:

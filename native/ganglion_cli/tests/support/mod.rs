@@ -4,6 +4,7 @@
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use conduit_ring::{
@@ -17,6 +18,7 @@ const TOPIC: &str = "GANGLION_TEST_TOPIC";
 /// Names that begin alike and that nobody else has; what is left of them is removed afterwards.
 pub struct Scratch {
     pub prefix: String,
+    turn: Option<MutexGuard<'static, ()>>,
 }
 
 impl Scratch {
@@ -25,7 +27,17 @@ impl Scratch {
         let n = COUNT.fetch_add(1, Ordering::Relaxed);
         Scratch {
             prefix: format!("test-ganglion-{}-{n}-", std::process::id()),
+            turn: None,
         }
+    }
+
+    /// One test at a time: a child that another test is starting has the files of this process, those it has just closed
+    /// too, until it runs its own program, and so they are in use.
+    pub fn alone() -> Scratch {
+        static TURN: Mutex<()> = Mutex::new(());
+        let mut scratch = Scratch::new();
+        scratch.turn = Some(TURN.lock().unwrap_or_else(PoisonError::into_inner));
+        scratch
     }
 
     pub fn topic(&self, name: &str) -> Topic {

@@ -1,0 +1,225 @@
+//! Reading a segment that others may shorten at any time.
+//!
+//! Whoever may write a file may also cut it off, and whoever touches a mapping behind the end gets SIGBUS. So a guarded
+//! reader touches no mapping. It reads every word and every byte by `pread`, for which the end of the file is an answer. Only
+//! the kernel touches the mapping on its behalf, to sleep on the futex word and to set its waiting bit (`FUTEX_WAKE_OP`), and
+//! the kernel has an errno for a page that is not there.
+//!
+//! It writes nothing but that bit. It holds the lock of a reader line, so that the bit is its own, and sets no other one: it
+//! does not show among the topic's readers.
+
+use std::io;
+use std::sync::OnceLock;
+use std::time::Duration;
+
+use crate::attach::bad;
+use crate::error::{Error, Fault};
+use crate::geometry::Geometry;
+use crate::header::Header;
+use crate::layout::{
+    At32, At64, FUTEX_WORD, ReaderLine, SLOT_HEADER_LEN, SUBSCRIBER_MASK, WAITING_MASK,
+};
+use crate::reader::{Source, SourceSlot};
+use crate::segment::{Access, Mapping, Segment, is_missing_page};
+use crate::sync::{Ordering, fence};
+use crate::topic::Topic;
+use crate::wait::LONGEST_SLEEP;
+use crate::waker::Alarm;
+
+/// Whether a topic is read in guarded mode: without ever touching memory that another process could take away.
+///
+/// A process that may write a topic's file may also shorten it, and whoever then touches the missing part through a mapping
+/// is killed by SIGBUS. In guarded mode that is an error ([`Fault::Truncated`]). The price: a few system calls for each
+/// message, no message is held in its slot ([`Lease`](crate::Lease)s are copies), and the subscriber does not show
+/// among [`Info::readers`](crate::Info::readers).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Guard {
+    /// When the file belongs to another user than this process's.
+    #[default]
+    Auto,
+    /// Always.
+    Always,
+    /// Never: all who may write the file are trusted.
+    Never,
+}
+
+impl Guard {
+    pub(crate) fn applies(self, segment: &Segment) -> io::Result<bool> {
+        match self {
+            Guard::Auto => segment.is_foreign(),
+            Guard::Always => Ok(true),
+            Guard::Never => Ok(false),
+        }
+    }
+}
+
+/// See the module.
+pub(crate) struct Guarded {
+    pub(crate) segment: Segment,
+    pub(crate) header: Header,
+    mapping: Mapping,
+    /// `None` of an observer.
+    line: Option<ReaderLine>,
+    broken: OnceLock<io::Error>,
+}
+
+impl Guarded {
+    pub(crate) fn open(
+        topic: &Topic,
+        segment: Segment,
+        header: Header,
+        access: Access,
+    ) -> Result<Guarded, Error> {
+        let mapping = segment
+            .map(header.geometry.segment_len(), access, false)
+            .map_err(Error::os("map", topic.path()))?;
+        let mut guarded = Guarded {
+            segment,
+            header,
+            mapping,
+            line: None,
+            broken: OnceLock::new(),
+        };
+        if access == Access::Write {
+            guarded.line = guarded
+                .lock_line()
+                .map_err(Error::os("lock", topic.path()))?;
+            if guarded.line.is_none() {
+                let path = topic.path().to_owned();
+                return Err(Error::NoReaderSlot { path });
+            }
+        }
+        Ok(guarded)
+    }
+
+    fn lock_line(&self) -> io::Result<Option<ReaderLine>> {
+        for line in ReaderLine::all() {
+            let claimed = self.load32(SUBSCRIBER_MASK) & line.bit() != 0;
+            if !claimed && self.segment.try_lock(line.lock())? {
+                return Ok(Some(line));
+            }
+        }
+        Ok(None)
+    }
+
+    /// An error once the file has turned out to be shorter than it was, or unreadable.
+    pub(crate) fn check(&self, topic: &Topic) -> Result<(), Error> {
+        match self.broken.get() {
+            None => Ok(()),
+            Some(error) => Err(match error.raw_os_error() {
+                Some(errno) if !is_missing_page(error) => {
+                    Error::os("read", topic.path())(io::Error::from_raw_os_error(errno))
+                }
+                _ => bad(topic, Fault::Truncated),
+            }),
+        }
+    }
+
+    pub(crate) fn is_broken(&self) -> bool {
+        self.broken.get().is_some()
+    }
+
+    pub(crate) fn load32(&self, at: At32) -> u32 {
+        u32::from_le_bytes(self.bytes(at.offset()))
+    }
+
+    /// As `wait::sleep`.
+    pub(crate) fn sleep(&self, timeout: Duration, news: impl FnOnce() -> bool) {
+        let seen = self.load32(FUTEX_WORD);
+        // Acquire: as in wait::sleep.
+        fence(Ordering::Acquire);
+        if let Some(line) = self.line {
+            self.note(self.mapping.set_bit(WAITING_MASK.offset(), line.index()));
+        }
+        fence(Ordering::SeqCst);
+        if !news() && !self.is_broken() {
+            let timeout = timeout.min(LONGEST_SLEEP);
+            self.note(self.mapping.futex_wait(FUTEX_WORD.offset(), seen, timeout));
+        }
+        self.stop_waiting();
+    }
+
+    fn stop_waiting(&self) {
+        if let Some(line) = self.line {
+            self.note(self.mapping.clear_bit(WAITING_MASK.offset(), line.index()));
+        }
+    }
+
+    fn bytes<const N: usize>(&self, offset: usize) -> [u8; N] {
+        let mut bytes = [0; N];
+        self.note(self.segment.read_at(&mut bytes, offset as u64));
+        bytes
+    }
+
+    fn note(&self, result: io::Result<()>) {
+        if let Err(error) = result {
+            // The first trouble is the one that is told.
+            let _ = self.broken.set(error);
+        }
+    }
+}
+
+impl Source for Guarded {
+    type Slot<'a> = GuardedSlot<'a>;
+
+    fn geometry(&self) -> Geometry {
+        self.header.geometry
+    }
+
+    /// A word may change while the kernel copies it: two equal looks are believed.
+    fn load(&self, at: At64, _order: Ordering) -> u64 {
+        let mut last: [u8; 8] = self.bytes(at.offset());
+        loop {
+            let now = self.bytes(at.offset());
+            if now == last || self.is_broken() {
+                // Acquire, at least. Fences order what the kernel reads for this thread, too.
+                fence(Ordering::Acquire);
+                return u64::from_le_bytes(now);
+            }
+            last = now;
+        }
+    }
+
+    fn slot(&self, sequence: u64) -> GuardedSlot<'_> {
+        GuardedSlot {
+            guarded: self,
+            offset: self.geometry().slot_offset(sequence),
+        }
+    }
+}
+
+/// A slot that is read by `pread`.
+pub(crate) struct GuardedSlot<'a> {
+    guarded: &'a Guarded,
+    offset: usize,
+}
+
+impl SourceSlot for GuardedSlot<'_> {
+    fn load(&self, word: usize) -> u32 {
+        u32::from_le_bytes(self.guarded.bytes(self.offset + word))
+    }
+
+    unsafe fn read_payload(&self, to: *mut u8, len: usize) {
+        assert!(len <= self.guarded.geometry().max_message_size());
+        let offset = (self.offset + SLOT_HEADER_LEN) as u64;
+        // SAFETY: `to` has room for `len` bytes by the caller's promise.
+        self.guarded
+            .note(unsafe { self.guarded.segment.read_raw_at(to, len, offset) });
+    }
+}
+
+impl Alarm for Guarded {
+    fn ring(&self) {
+        self.note(self.mapping.bump_and_wake(FUTEX_WORD.offset()));
+    }
+}
+
+impl Drop for Guarded {
+    fn drop(&mut self) {
+        if let Some(line) = self.line {
+            self.stop_waiting();
+            // The mapping keeps the open file alive, and so the lock.
+            let _ = self.segment.unlock(line.lock());
+        }
+    }
+}

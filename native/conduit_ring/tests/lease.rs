@@ -1,0 +1,396 @@
+//! Messages that are looked at where they lie, and written where they will be read.
+#![cfg(not(loom))]
+
+mod support;
+
+use std::io::Write;
+use std::sync::atomic::Ordering::Relaxed;
+use std::thread;
+use std::time::Instant;
+
+use conduit_ring::{
+    Error, Geometry, Info, Lease, Meta, PublishError, Publisher, PublisherOptions, Received, Start,
+    Subscriber, SubscriberOptions, Topic,
+};
+use support::{
+    Helper, LONG, Raw, Scratch, next_message, proven_number, proving_message, role, tell_ready,
+};
+
+/// Not a test but what a helper process does.
+#[test]
+fn child() {
+    match role() {
+        None => {}
+        Some((role, topic)) if role == "holder" => {
+            let mut subscriber = subscriber(&topic, Start::Latest);
+            let _lease = lease(&mut subscriber);
+            tell_ready();
+            thread::sleep(std::time::Duration::MAX);
+        }
+        Some((_, topic)) => publish_for_ever(&topic),
+    }
+}
+
+fn options() -> PublisherOptions {
+    PublisherOptions {
+        geometry: Geometry::slots(4, 8192).unwrap(),
+        ..Default::default()
+    }
+}
+
+fn publisher(topic: &Topic) -> Publisher {
+    Publisher::open(topic, &options()).unwrap()
+}
+
+fn subscriber(topic: &Topic, start: Start) -> Subscriber {
+    let options = SubscriberOptions {
+        start,
+        ..Default::default()
+    };
+    Subscriber::open(topic, &options).unwrap()
+}
+
+fn publish_for_ever(topic: &Topic) {
+    let mut publisher = publisher(topic);
+    tell_ready();
+    loop {
+        let n = publisher.next_sequence();
+        let len = (n.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 51) as usize;
+        let message = proving_message(n, len.min(8172));
+        if n.is_multiple_of(2) {
+            let _ = publisher.publish(&message);
+        } else if let Ok(mut loan) = publisher.loan(message.len()) {
+            loan.write_all(&message).unwrap();
+            loan.commit();
+        }
+    }
+}
+
+fn publish_times(times: u32, publisher: &mut Publisher, message: &[u8]) {
+    (0..times).for_each(|_| assert!(publisher.publish(message).is_ok()));
+}
+
+fn lease(subscriber: &mut Subscriber) -> (Meta, Lease) {
+    loop {
+        match subscriber.try_lease().unwrap() {
+            Received::Message(meta, lease) => return (meta, lease),
+            Received::Nothing => drop(subscriber.wait(LONG).unwrap()),
+            Received::PublisherUp | Received::PublisherDown => {}
+        }
+    }
+}
+
+/// A subscriber whose publisher knows that it uses leases: the first one is over.
+fn leasing(topic: &Topic, publisher: &mut Publisher) -> Subscriber {
+    let mut subscriber = subscriber(topic, Start::New);
+    publisher.publish(b"first").unwrap();
+    drop(lease(&mut subscriber));
+    subscriber
+}
+
+#[test]
+fn a_held_message_stays_and_new_ones_for_its_slot_are_dropped_and_counted() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut subscriber = leasing(&topic, &mut publisher);
+    publisher.publish(b"held").unwrap();
+    let (meta, lease) = lease(&mut subscriber);
+    assert!(lease.holds_slot());
+    assert_eq!((meta.sequence, meta.len, lease.len()), (1, 4, 4));
+    assert_eq!(publisher.info().readers[0].leases, 1);
+    for n in 2..5 {
+        assert_eq!(publisher.publish(b"another"), Ok(n));
+    }
+    for _ in 0..20 {
+        assert_eq!(publisher.publish(b"dropped"), Err(PublishError::SlotHeld));
+        assert!(matches!(publisher.loan(7), Err(PublishError::SlotHeld)));
+        assert_eq!(lease.to_vec(), b"held");
+    }
+    assert_eq!(publisher.info().dropped_pinned, 40);
+    drop(lease);
+    assert_eq!(publisher.publish(b"at last"), Ok(5));
+    let info = publisher.info();
+    assert_eq!((info.dropped_pinned, info.readers[0].leases), (40, 0));
+}
+
+#[test]
+fn others_go_on_reading_what_one_holds() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut holder = leasing(&topic, &mut publisher);
+    publisher.publish(b"held").unwrap();
+    let (_, lease) = lease(&mut holder);
+    publish_times(3, &mut publisher, b"another");
+    assert_eq!(publisher.publish(b"dropped"), Err(PublishError::SlotHeld));
+    let mut other = subscriber(&topic, Start::History(4));
+    let mut buffer = Vec::new();
+    assert_eq!(next_message(&mut other, &mut buffer), (1, 0));
+    assert_eq!(buffer, lease.to_vec());
+}
+
+#[test]
+fn a_first_lease_on_what_is_about_to_be_overwritten_is_a_copy() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut subscriber = subscriber(&topic, Start::New);
+    for n in 0..4_u8 {
+        publisher.publish(&[n; 100]).unwrap();
+    }
+    let (meta, first) = lease(&mut subscriber);
+    assert_eq!((meta.sequence, first.holds_slot()), (0, false));
+    assert_eq!(publisher.publish(b"over it"), Ok(4));
+    assert_eq!(first.to_vec(), [0; 100]);
+    assert!(lease(&mut subscriber).1.holds_slot());
+}
+
+#[test]
+fn three_leases_at_a_time_and_the_message_of_the_fourth_is_kept() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut subscriber = leasing(&topic, &mut publisher);
+    for n in 1..5 {
+        assert_eq!(publisher.publish(b"x"), Ok(n));
+    }
+    let mut leases: Vec<_> = (0..3).map(|_| lease(&mut subscriber)).collect();
+    let refused = subscriber.try_lease();
+    assert!(
+        matches!(refused, Err(Error::TooManyLeases { .. })),
+        "{refused:?}"
+    );
+    assert_eq!(leases.remove(1).0.sequence, 2);
+    assert_eq!(lease(&mut subscriber).0.sequence, 4);
+    assert!(matches!(subscriber.try_lease(), Ok(Received::Nothing)));
+}
+
+#[test]
+fn a_holder_that_is_killed_stalls_nobody() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    publisher.publish(b"held").unwrap();
+    let helper = Helper::start("holder", &topic);
+    publish_times(3, &mut publisher, b"another");
+    assert_eq!(publisher.publish(b"dropped"), Err(PublishError::SlotHeld));
+    helper.kill();
+    let deadline = Instant::now() + LONG;
+    while let Err(error) = publisher.publish(b"goes on") {
+        assert_eq!(error, PublishError::SlotHeld);
+        assert!(Instant::now() < deadline, "stalled");
+    }
+    let info = publisher.info();
+    assert_eq!((info.published, info.readers), (5, vec![]));
+    assert_eq!(Raw::open(&topic).unwrap().u32(144).load(Relaxed), 0);
+}
+
+#[test]
+fn a_killed_holder_that_was_not_looked_at_before_costs_no_message() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    publisher.publish(b"held").unwrap();
+    Helper::start("holder", &topic).kill();
+    for n in 1..9 {
+        assert_eq!(publisher.publish(b"goes on"), Ok(n));
+    }
+    assert_eq!(publisher.info().dropped_pinned, 0);
+}
+
+#[test]
+fn what_a_killed_holder_left_is_taken_back_by_a_loan_too() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    publisher.publish(b"held").unwrap();
+    Helper::start("holder", &topic).kill();
+    for n in 1..9 {
+        assert_eq!(publisher.loan(0).unwrap().commit(), n);
+    }
+}
+
+#[test]
+fn a_successor_respects_what_is_held() {
+    let topic = Scratch::new();
+    let mut first = publisher(&topic);
+    let mut subscriber = leasing(&topic, &mut first);
+    first.publish(b"held").unwrap();
+    let (_, lease) = lease(&mut subscriber);
+    publish_times(3, &mut first, b"another");
+    first.abandon();
+    let mut second = publisher(&topic);
+    assert_eq!(second.publish(b"dropped"), Err(PublishError::SlotHeld));
+    assert_eq!(lease.to_vec(), b"held");
+    drop(lease);
+    assert_eq!(second.publish(b"another"), Ok(5));
+}
+
+#[test]
+fn a_lease_outlives_its_subscriber_and_then_gives_up_its_place() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut subscriber = leasing(&topic, &mut publisher);
+    publisher.publish(b"held").unwrap();
+    let (_, lease) = lease(&mut subscriber);
+    drop(subscriber);
+    publish_times(3, &mut publisher, b"another");
+    assert_eq!(publisher.publish(b"dropped"), Err(PublishError::SlotHeld));
+    assert_eq!(
+        thread::spawn(move || lease.to_vec()).join().unwrap(),
+        b"held"
+    );
+    assert_eq!(publisher.info().readers, []);
+    assert_eq!(publisher.publish(b"another"), Ok(5));
+}
+
+#[test]
+fn a_lease_outlives_its_topic() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut subscriber = leasing(&topic, &mut publisher);
+    publisher.publish(b"held").unwrap();
+    let (_, lease) = lease(&mut subscriber);
+    publisher.close();
+    assert!(matches!(
+        subscriber.try_lease(),
+        Ok(Received::PublisherDown)
+    ));
+    drop(subscriber);
+    assert_eq!(lease.to_vec(), b"held");
+}
+
+#[test]
+fn a_detached_lease_keeps_its_bytes_where_they_are_and_gives_the_slot_back() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut subscriber = leasing(&topic, &mut publisher);
+    let (mut kept, mut messages) = (Vec::new(), Vec::new());
+    for round in 0..12_u64 {
+        let n = publisher.next_sequence();
+        let len = [0, 1, 2000, 4096, 8172][round as usize % 5];
+        messages.push(vec![round as u8 + 1; len]);
+        assert_eq!(publisher.publish(&messages[round as usize]), Ok(n));
+        let (_, mut lease) = lease(&mut subscriber);
+        let at = lease.as_ptr();
+        lease.detach().unwrap();
+        lease.detach().unwrap();
+        assert_eq!((lease.as_ptr(), lease.holds_slot()), (at, false));
+        kept.push(lease);
+    }
+    publish_times(50, &mut publisher, &[0xEE; 8172]);
+    assert_eq!(publisher.info().readers[0].leases, 0);
+    drop((publisher, subscriber));
+    for (lease, message) in kept.iter().zip(&messages) {
+        assert_eq!(&lease.to_vec(), message);
+        // SAFETY: the pages are private, so that nobody writes there.
+        assert_eq!(unsafe { lease.as_slice() }, &message[..]);
+    }
+}
+
+#[test]
+fn who_reads_while_a_lease_is_detached_sees_the_same_bytes_all_the_time() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut subscriber = leasing(&topic, &mut publisher);
+    for round in 1..100_u8 {
+        publisher.publish(&[round; 8172]).unwrap();
+        let (_, mut lease) = lease(&mut subscriber);
+        let at = lease.as_ptr() as usize;
+        let done = std::sync::atomic::AtomicBool::new(false);
+        thread::scope(|scope| {
+            scope.spawn(|| {
+                while !done.load(Relaxed) {
+                    for offset in (0..8172).step_by(64) {
+                        let byte = std::ptr::with_exposed_provenance::<u8>(at + offset);
+                        // SAFETY: inside the lease's bytes, which live until the scope ends.
+                        assert_eq!(unsafe { byte.read_volatile() }, round);
+                    }
+                }
+            });
+            lease.detach().unwrap();
+            publish_times(8, &mut publisher, &[0xEE; 8172]);
+            while let Ok(Received::Message(..)) = subscriber.try_lease() {}
+            done.store(true, Relaxed);
+        });
+    }
+}
+
+#[test]
+fn held_messages_never_change_while_a_publisher_goes_round_and_round() {
+    let topic = Scratch::new();
+    let _helper = Helper::start("publisher", &topic);
+    thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                let mut subscriber = subscriber(&topic, Start::Latest);
+                let mut held = std::collections::VecDeque::new();
+                for _ in 0..3_000 {
+                    let (meta, lease) = lease(&mut subscriber);
+                    assert_eq!(proven_number(&lease.to_vec()), Ok(meta.sequence));
+                    held.push_back(lease);
+                    if held.len() == 3 {
+                        held.iter().for_each(|lease| {
+                            assert_eq!(proven_number(&lease.to_vec()), Ok(lease.meta().sequence));
+                        });
+                        held.pop_front();
+                    }
+                }
+            });
+        }
+    });
+    let info = Info::read(&topic).unwrap();
+    assert!(info.dropped_pinned > 0, "{info:?}");
+}
+
+#[test]
+fn a_loan_is_published_when_it_is_committed_and_not_before() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut subscriber = subscriber(&topic, Start::New);
+    let mut loan = publisher.loan(8172).unwrap();
+    assert_eq!((loan.sequence(), loan.len()), (0, 8172));
+    loan.write_at(3, b"de");
+    write!(loan, "abc").unwrap();
+    assert!(matches!(subscriber.try_lease(), Ok(Received::Nothing)));
+    loan.truncate(5);
+    assert_eq!(loan.commit(), 0);
+    let mut buffer = Vec::new();
+    assert_eq!(next_message(&mut subscriber, &mut buffer), (0, 0));
+    assert_eq!(buffer, b"abcde");
+}
+
+#[test]
+fn a_loan_that_is_dropped_publishes_nothing_and_its_number_is_used_again() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut subscriber = subscriber(&topic, Start::New);
+    for n in 0..4_u8 {
+        publisher.publish(&[n; 10]).unwrap();
+    }
+    publisher.loan(100).unwrap().write_at(0, &[0xEE; 100]);
+    let mut buffer = Vec::new();
+    assert_eq!(next_message(&mut subscriber, &mut buffer), (1, 1));
+    publisher.loan(100).unwrap().write_at(50, &[0xEE; 50]);
+    assert_eq!(publisher.publish(b"instead"), Ok(4));
+    for n in 2..5 {
+        assert_eq!(next_message(&mut subscriber, &mut buffer), (n, 0));
+    }
+    assert_eq!(buffer, b"instead");
+}
+
+#[test]
+fn a_loan_is_never_longer_than_a_slot_nor_written_past_its_end() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let refused = publisher.loan(8173).unwrap_err();
+    assert_eq!(
+        refused,
+        PublishError::TooLarge {
+            len: 8173,
+            max: 8172
+        }
+    );
+    assert_eq!(publisher.info().rejected_oversize, 1);
+    let mut loan = publisher.loan(5).unwrap();
+    assert_eq!(loan.write(b"too long").unwrap(), 5);
+    assert_eq!(loan.write(b"more").unwrap(), 0);
+    let past_the_end = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+        loan.write_at(4, b"xy");
+    }));
+    assert!(past_the_end.is_err());
+}
