@@ -25,7 +25,7 @@ defmodule ArchitectureTest do
        [:envelope, :options, :math]},
 
     # The bus moves messages and does not read them: no payload.
-    pub_sub: {~w(BB.PubSub.*), [:path, :envelope]},
+    pub_sub: {~w(BB.PubSub.*), [:path, :options, :envelope]},
 
     # What can be tuned, and what is between a joint and a motor.
     parameter: {~w(BB.Parameter.*), ~w(pub_sub envelope options unit)a},

@@ -196,15 +196,25 @@ defmodule BB.Transmission do
 
   def unapply_to_payload(payload, _t), do: payload
 
-  defp commanded(%{} = point, t) do
-    point
-    |> change([:position], &apply_position(&1, t))
-    |> change([:velocity, :acceleration], &apply_rate(&1, t))
-    |> change([:effort], &apply_effort(&1, t))
+  defp commanded(fields, t) when is_list(fields),
+    do: for({key, value} <- fields, do: {key, command(key, value, t)})
+
+  defp commanded(%{} = payload, t) do
+    Enum.reduce([:position, :velocity, :effort], payload, fn key, payload ->
+      case payload do
+        %{^key => value} -> %{payload | key => command(key, value, t)}
+        _ -> payload
+      end
+    end)
   end
 
-  defp commanded(fields, t) when is_list(fields),
-    do: fields |> Map.new() |> commanded(t) |> Map.to_list()
+  defp command(:position, value, t) when is_number(value), do: apply_position(value, t)
+
+  defp command(key, value, t) when key in [:velocity, :acceleration] and is_number(value),
+    do: apply_rate(value, t)
+
+  defp command(:effort, value, t) when is_number(value), do: apply_effort(value, t)
+  defp command(_key, value, _t), do: value
 
   defp change(fields, keys, change) do
     Enum.reduce(keys, fields, fn key, fields ->

@@ -166,6 +166,16 @@ defmodule BB.ParameterTest do
       assert_changed(robot, [:debug], %{old_value: true, new_value: true, source: :local})
     end
 
+    test "is heard by who subscribes late with replay, and so is what a parameter started with" do
+      robot = start_tunable(params: [debug: true])
+      :ok = Parameter.set(robot, [:imu, :filter, :gain], 0.75)
+      {:ok, _} = BB.subscribe(robot, [:param], replay: true)
+      assert_changed(robot, [:debug], %{old_value: nil, new_value: true, source: :startup})
+      assert_changed(robot, [:imu, :rate], %{new_value: ~u(100 hertz), source: :init})
+      assert_changed(robot, [:imu, :filter, :gain], %{old_value: 0.5, new_value: 0.75})
+      assert %{payload: %Changed{new_value: true}} = BB.PubSub.last(robot, [:param, :debug])
+    end
+
     test "is visible to get before Changed is published" do
       robot = start_tunable()
       test = self()

@@ -5,6 +5,7 @@ defmodule BB.TransmissionTest do
   import BB.Test.Math, only: [close?: 2]
 
   alias BB.Message
+  alias BB.Message.Actuator.{BeginMotion, Command, EndMotion}
   alias BB.Message.Sensor.{JointState, PowerState}
   alias BB.Transmission
 
@@ -96,6 +97,69 @@ defmodule BB.TransmissionTest do
       assert Transmission.unapply_to_payload(message, @reversed) == message
       message = Message.new!(PowerState, :battery, voltage: 7.0, current: 1.0)
       assert Transmission.unapply_to_payload(message, @reversed) == message
+    end
+
+    test "goes through a BeginMotion, its rates as magnitudes" do
+      message =
+        Message.new!(BeginMotion, :servo,
+          initial_position: -50.0,
+          target_position: 0.0,
+          expected_arrival: 1_000,
+          peak_velocity: 100.0
+        )
+
+      motion = Transmission.unapply_to_payload(message, @reversed).payload
+      assert %{initial_position: 1.25, target_position: 0.25, peak_velocity: 2.0} = motion
+      assert %{acceleration: nil, expected_arrival: 1_000} = motion
+      assert Transmission.unapply_to_payload(message.payload, @reversed) == motion
+    end
+
+    test "leaves an EndMotion untouched" do
+      message = Message.new!(EndMotion, :servo, position: 1.0, reason: :completed)
+      assert Transmission.unapply_to_payload(message, @reversed) == message
+    end
+  end
+
+  describe "apply_to_command" do
+    test "goes through Position, Velocity and Effort" do
+      for {module, joint, motor} <- [
+            {Command.Position, [position: 1.25], %{position: -50.0, velocity: nil}},
+            {Command.Position, [position: 0.25, velocity: 2.0],
+             %{position: 0.0, velocity: -100.0}},
+            {Command.Velocity, [velocity: 2.0, duration: 5], %{velocity: -100.0, duration: 5}},
+            {Command.Effort, [effort: 100.0], %{effort: -2.0}}
+          ] do
+        message = Message.new!(module, :servo, joint)
+        applied = Transmission.apply_to_command(message, @reversed)
+        assert Map.take(applied.payload, Map.keys(motor)) == motor
+        assert %{applied | payload: nil} == %{message | payload: nil}
+      end
+    end
+
+    test "goes through a Trajectory point by point" do
+      message =
+        Message.new!(Command.Trajectory, :servo,
+          waypoints: [[position: 1.25, velocity: 2.0, acceleration: 1.0, time_from_start: 10]]
+        )
+
+      assert [[position: -50.0, velocity: -100.0, acceleration: -50.0, time_from_start: 10]] =
+               Transmission.apply_to_command(message, @reversed).payload.waypoints
+               |> Enum.map(
+                 &Keyword.take(&1, [:position, :velocity, :acceleration, :time_from_start])
+               )
+               |> Enum.map(&Enum.sort_by(&1, fn {key, _} -> key_order(key) end))
+    end
+
+    defp key_order(key),
+      do: Enum.find_index([:position, :velocity, :acceleration, :time_from_start], &(&1 == key))
+
+    test "leaves Hold and Stop, and what is no command, untouched" do
+      for message <- [
+            Message.new!(Command.Hold, :servo, []),
+            Message.new!(Command.Stop, :servo, []),
+            Message.new!(PowerState, :battery, voltage: 7.0, current: 1.0)
+          ],
+          do: assert(Transmission.apply_to_command(message, @reversed) == message)
     end
   end
 end

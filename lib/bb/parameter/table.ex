@@ -13,13 +13,19 @@ defmodule BB.Parameter.Table do
 
   @doc "The name of a robot's table, and of the process that owns it."
   @spec name(module()) :: module()
-  def name(robot), do: Module.concat(robot, Parameters)
+  def name(robot) do
+    # To make a name takes longer than to read a value.
+    with nil <- :persistent_term.get({__MODULE__, robot}, nil), do: make_name(robot)
+  end
+
+  defp make_name(robot), do: Module.concat(robot, Parameters)
 
   @doc false
   def start_link(robot), do: GenServer.start_link(__MODULE__, robot, name: name(robot))
 
   @impl GenServer
   def init(robot) do
+    :persistent_term.put({__MODULE__, robot}, make_name(robot))
     {:ok, :ets.new(name(robot), [:named_table, :public, read_concurrency: true])}
   end
 

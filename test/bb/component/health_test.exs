@@ -1,6 +1,7 @@
 defmodule BB.Component.HealthTest do
   use ExUnit.Case, async: true
 
+  import BB.Test.Eventually
   import BB.Test.Robot, only: [health: 2]
   import BB.Test.Watch
 
@@ -33,8 +34,8 @@ defmodule BB.Component.HealthTest do
       imu(robot, handle_cast: fn :stop, state -> {:stop, :unplugged, state} end)
       BB.cast(robot, :imu, :stop)
       assert_status(robot, :imu, %{state: :backoff})
-      assert_status(robot, :imu, %{state: :up})
-      assert %{state: :up, reason: nil, last_error: :unplugged} = health(robot, :imu)
+      assert eventually(fn -> health(robot, :imu).state == :up end)
+      assert %{reason: nil, last_error: :unplugged} = health(robot, :imu)
     end
 
     test "of a robot that is not started raises" do

@@ -314,6 +314,19 @@ defmodule BB.Component.ParametersTest do
     assert opts[:gain] == 0.9
   end
 
+  test "a kill of the robot's runtime restarts neither the root nor the topology, and all is up again",
+       %{robot: robot} do
+    {pid, _} = start(robot)
+    supervisors = supervisors(robot)
+    {:runtime, runtime, _, _} = robot |> Supervisor.which_children() |> List.keyfind(:runtime, 0)
+    ref = Process.monitor(pid)
+    Process.exit(runtime, :kill)
+    assert_receive {:DOWN, ^ref, _, _, _}, 5_000
+    assert [:encoder, :tuned] = Enum.sort(for _ <- 1..2, do: elem(heard(), 0))
+    assert Parameter.get(robot, [:gain]) == {:ok, 0.5}
+    assert supervisors(robot) == supervisors
+  end
+
   describe "a transmission" do
     test "is in opts[:sensor_profile], with values in SI units", %{robot: robot} do
       start_supervised!(robot)
