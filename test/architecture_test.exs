@@ -20,7 +20,9 @@ defmodule ArchitectureTest do
     unit: {~w(BB.Unit.*), []},
     telemetry: {~w(BB.Telemetry), []},
     envelope: {~w(BB.Message BB.Message.Compiler.*), [:options]},
-    payload: {~w(BB.Message.*), [:envelope, :options, :math]},
+    payload:
+      {~w(BB.Message.* BB.StateMachine.Transition BB.Safety.HardwareError),
+       [:envelope, :options, :math]},
 
     # The bus moves messages and does not read them: no payload.
     pub_sub: {~w(BB.PubSub.*), [:path, :options, :envelope]},
@@ -31,10 +33,11 @@ defmodule ArchitectureTest do
 
     # What runs and what keeps it running. The declaration is data: the robot, and its components as it declares them.
     process: {~w(BB.Process), []},
+    safety: {~w(BB.Safety.*), ~w(path pub_sub envelope payload telemetry)a},
     declaration: {~w(BB.Component BB.Robot.*), ~w(transmission parameter unit)a},
     component:
       {~w(BB.Component.*),
-       ~w(declaration transmission parameter process pub_sub envelope payload options telemetry)a},
+       ~w(declaration transmission parameter process pub_sub safety envelope payload options telemetry)a},
 
     # The kinds of components.
     sensor:
@@ -42,7 +45,7 @@ defmodule ArchitectureTest do
        ~w(declaration component transmission parameter pub_sub envelope payload options)a},
     dsl: {~w(BB.Dsl.*), ~w(declaration transmission parameter sensor options unit)a},
     supervisor:
-      {~w(BB.Supervisor.*), ~w(declaration component parameter process pub_sub options)a},
+      {~w(BB.Supervisor.*), ~w(declaration component parameter safety process pub_sub options)a},
     facade: {~w(BB), ~w(dsl supervisor process pub_sub)a},
 
     # Drivers, and the bus as they see it. What is simulated behind it they cannot name.
@@ -58,7 +61,7 @@ defmodule ArchitectureTest do
     # Composition.
     ganglion:
       {~w(Ganglion.*),
-       ~w(facade sensor driver handoff ring simulation path envelope payload math)a}
+       ~w(facade sensor driver handoff ring simulation safety path envelope payload math)a}
   ]
 
   # What comes from outside, by the start of its name, and which of our modules may name it.

@@ -89,10 +89,28 @@ defmodule DocumentationTest do
     Supervisor.stop(binding[:buses])
   end
 
+  test "the examples of the guide to safety run one after the other" do
+    Process.flag(:trap_exit, true)
+    assert [_ | _] = run("docs/guides/safety.md")
+  end
+
+  test "the examples of the guide to health run one after the other" do
+    Process.flag(:trap_exit, true)
+    binding = run("docs/guides/health.md")
+    Supervisor.stop(binding[:root])
+    Supervisor.stop(binding[:buses])
+  end
+
+  defp guide(document), do: Module.concat([Macro.camelize(Path.basename(document, ".md"))])
+
   # Each may name what those before it have bound.
   defp run(document) do
     Enum.reduce(examples(document), [], fn example, binding ->
-      ast = example |> Code.string_to_quoted!(file: document) |> Macro.prewalk(&rename(&1, Guide))
+      ast =
+        example
+        |> Code.string_to_quoted!(file: document)
+        |> Macro.prewalk(&rename(&1, guide(document)))
+
       {_result, binding} = Code.eval_quoted(ast, binding)
       binding
     end)

@@ -6,6 +6,7 @@ defmodule BB.Supervisor do
       ├── MyRobot.Registry             names of components
       ├── MyRobot.PubSub               the bus
       ├── runtime                      BB.Parameter.Supervisor, the robot's parameters
+      ├── BB.Safety.Latch              holds the end until the robot is disarmed
       └── topology                     BB.Supervisor.Part
           ├── :battery                 BB.Component.Keeper ── BB.Component.Server
           └── link :base_link          BB.Supervisor.Part
@@ -74,10 +75,13 @@ defmodule BB.Supervisor do
 
   @impl Supervisor
   def init({robot, given}) do
+    BB.Safety.Warden.watch(robot, :root)
+
     children = [
       Successor.child_spec(BB.Process.registry_spec(robot)),
       Successor.child_spec({BB.PubSub, robot}),
       Successor.child_spec({BB.Parameter.Supervisor, {robot, given}}),
+      {BB.Safety.Latch, robot},
       {Part, {robot, nil}}
     ]
 

@@ -20,6 +20,7 @@ defmodule BB.Component.Condition do
     :started_ns,
     :up_since_ns,
     :reason,
+    :last_error,
     :retry_in_ms,
     state: :starting,
     restarts: 0,
@@ -33,6 +34,7 @@ defmodule BB.Component.Condition do
           started_ns: integer(),
           up_since_ns: integer() | nil,
           reason: term(),
+          last_error: term(),
           retry_in_ms: pos_integer() | nil,
           state: state(),
           restarts: non_neg_integer(),
@@ -90,11 +92,13 @@ defmodule BB.Component.Condition do
   @spec alarming?(t()) :: boolean()
   def alarming?(condition), do: condition.state in [:backoff, :stale]
 
-  defp enter(%{state: state} = condition, state, reason, _now_ns),
-    do: %{condition | reason: reason, retry_in_ms: nil}
+  defp enter(condition, state, reason, now_ns) do
+    since_ns = if state == condition.state, do: condition.since_ns, else: now_ns
+    last_error = if reason == nil, do: condition.last_error, else: reason
 
-  defp enter(condition, state, reason, now_ns),
-    do: %{condition | state: state, reason: reason, retry_in_ms: nil, since_ns: now_ns}
+    %{condition | state: state, since_ns: since_ns}
+    |> Map.merge(%{reason: reason, last_error: last_error, retry_in_ms: nil})
+  end
 
   defp run_ms(%{up_since_ns: nil}, _now_ns), do: 0
 

@@ -8,7 +8,8 @@ defmodule BB.Component.Health do
   alias BB.Component.Condition
 
   @typedoc """
-  One component. `pid` is `nil` while it is down; `reason` says why it is not up; `since` is the monotonic time in
+  One component. `pid` is `nil` while it is down; `reason` says why it is not up, and `last_error` is the latest such reason, also
+  after it is up again (`nil` when there was none since its keeper was started); `since` is the monotonic time in
   nanoseconds at which it entered its state; `restarts` counts since the robot was started.
   """
   @type row :: %{
@@ -20,6 +21,7 @@ defmodule BB.Component.Health do
           pid: pid() | nil,
           restarts: non_neg_integer(),
           reason: term(),
+          last_error: term(),
           retry_in_ms: pos_integer() | nil,
           since: integer()
         }
@@ -34,13 +36,18 @@ defmodule BB.Component.Health do
         do: row(module, registry, component)
   end
 
-  @doc "Enters a keeper's row, for as long as the calling process lives."
-  @spec register(module(), Component.t(), Condition.t(), pid() | nil) :: :ok
+  @doc """
+  Enters a keeper's row, for as long as the calling process lives. `{:error, pid}` while a keeper that was killed has not ended yet.
+  """
+  @spec register(module(), Component.t(), Condition.t(), pid() | nil) :: :ok | {:error, pid()}
   def register(robot, component, condition, pid) do
     registry = BB.Process.registry_name(robot)
     module = BB.Process.registry_module(robot)
-    _ = module.register(registry, key(component), to_row(component, condition, pid))
-    :ok
+
+    case module.register(registry, key(component), to_row(component, condition, pid)) do
+      {:error, {:already_registered, other}} when other != self() -> {:error, other}
+      _registered -> :ok
+    end
   end
 
   @doc "Renews the calling keeper's row."
@@ -90,6 +97,7 @@ defmodule BB.Component.Health do
       pid: pid,
       restarts: condition.restarts,
       reason: condition.reason,
+      last_error: condition.last_error,
       retry_in_ms: condition.retry_in_ms,
       since: condition.since_ns
     }

@@ -255,10 +255,10 @@ defmodule BB.Component.Keeper do
   # Its row in the registry and its subscription live as long as registry and bus do.
   defp attach(keeper) do
     %{robot: robot, component: component, condition: condition} = keeper
-    Health.register(robot, component, condition, keeper.server)
     if component.retain, do: BB.PubSub.retain(robot, Component.data_path(component))
     _ = if component.max_silence_ns, do: subscribe(robot, Component.data_path(component))
-    keeper
+    registered = Health.register(robot, component, condition, keeper.server)
+    if registered == :ok, do: keeper, else: attach_later(keeper)
   rescue
     ArgumentError -> attach_later(keeper)
   end

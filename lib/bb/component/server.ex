@@ -151,12 +151,19 @@ defmodule BB.Component.Server do
     end
   end
 
-  defp run_init(%{module: module, kind: kind, bb: bb, options: options}) do
+  defp run_init(%{module: module, kind: kind, bb: bb, options: options} = server) do
     metadata = %{robot: bb.robot, path: bb.path, module: module}
+    enlist(server)
 
     BB.Telemetry.span([:bb, kind.component_kind(), :init], metadata, fn ->
       {module.init(options), metadata}
     end)
+  end
+
+  # Before its callbacks have the options, so that the hardware never moves without a handler that stops it.
+  defp enlist(%{module: module, bb: bb, options: options}) do
+    if function_exported?(module, :disarm, 1),
+      do: BB.Safety.register(module, robot: bb.robot, path: bb.path, opts: options)
   end
 
   defp started({:ok, state}, server), do: {:ok, ready(server, state)}
@@ -188,6 +195,8 @@ defmodule BB.Component.Server do
   end
 
   defp taken_on(server) do
+    enlist(server)
+
     case server.module.handle_options(server.options, server.user_state) do
       {:ok, state} -> resume(%{server | user_state: state})
       {:stop, reason} -> {:stop, reason, report(server, {:stopping, reason})}

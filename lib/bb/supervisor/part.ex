@@ -36,6 +36,7 @@ defmodule BB.Supervisor.Part do
 
   @impl Supervisor
   def init({robot, part}) do
+    if part == nil, do: BB.Safety.Warden.watch(robot, :topology)
     declared = robot.robot()
 
     components =
