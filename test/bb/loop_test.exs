@@ -113,6 +113,35 @@ defmodule BB.LoopTest do
     assert {1.0, 0, %{last_ns: 2_000_000_000}} = Loop.observe(loop, message)
   end
 
+  test "each tick is a telemetry event" do
+    test = self()
+
+    handler = fn event, measurements, metadata, _ ->
+      send(test, {event, measurements, metadata})
+    end
+
+    bb = %{@bb | path: [:base, :told]}
+
+    BB.Telemetry.attach(
+      __MODULE__,
+      [:bb, :loop, :tick],
+      fn event, measurements, metadata, _ ->
+        if metadata.path == bb.path, do: handler.(event, measurements, metadata, nil)
+      end,
+      nil
+    )
+
+    on_exit(fn -> BB.Telemetry.detach(__MODULE__) end)
+    {nil, 2, loop} = Loop.observe(%{armed(5 * @period) | bb: bb}, 7 * @period)
+
+    assert_received {[:bb, :loop, :tick], first,
+                     %{robot: BB.LoopTest.Robot, path: [:base, :told]}}
+
+    assert first == %{dt_ns: nil, late_ns: 2 * @period, skipped: 2}
+    Loop.observe(loop, 8 * @period)
+    assert_received {_, %{dt_ns: @period, late_ns: 0, skipped: 0}, _}
+  end
+
   property "ticks and skipped periods together are the deadlines that have passed" do
     forall delays <- list(integer(0, 5_000_000)) do
       {loop, _now} =

@@ -60,6 +60,35 @@ defmodule BB.SupervisorTest do
       assert robot.start_link() == {:error, {:already_started, root}}
     end
 
+    test "has under the root process registry, pubsub, runtime and topology supervisor, started in this order" do
+      robot = one_of_three()
+      root = start_supervised!(robot)
+
+      children =
+        for {id, pid, _, _} <- Enum.reverse(Supervisor.which_children(root)),
+            do: {id, Process.info(pid, :registered_name)}
+
+      assert [registry, bus, {:runtime, _}, _safety, {:topology, _}] = children
+      assert {_, {:registered_name, name}} = registry
+      assert name == BB.Process.registry_name(robot)
+      assert {{BB.PubSub, ^robot}, _} = bus
+    end
+
+    test "is one_for_one: what dies takes nothing else of the robot's parts with it" do
+      robot = start_up(one_of_three())
+
+      for part <- [:runtime, :topology] do
+        before = parts(robot)
+        Process.exit(before[part], :kill)
+        assert eventually(fn -> parts(robot)[part] not in [before[part], :restarting] end)
+        assert Map.delete(parts(robot), part) == Map.delete(before, part)
+      end
+    end
+
+    defp parts(robot) do
+      for {id, pid, _, _} <- Supervisor.which_children(robot), into: %{}, do: {id, pid}
+    end
+
     test "shows each sensor under its keeper, as a supervisor's child" do
       robot = start_up(one_of_three())
       keeper = keeper(robot, :imu)

@@ -103,6 +103,31 @@ defmodule BB.TelemetryTest do
     for n <- 1..20, do: Telemetry.detach({id, n})
   end
 
+  test "events are handed on to :telemetry when that module is loaded", %{event: event} do
+    Telemetry.emit(event, %{n: 1}, %{forward_to: self()})
+    refute_received {:handed_on, _, _}
+    refute Code.ensure_loaded?(:telemetry), "the test stands in for the library"
+
+    Module.create(
+      :telemetry,
+      quote do
+        def execute(event, measurements, %{forward_to: pid}),
+          do: send(pid, {:handed_on, event, measurements})
+
+        def execute(_event, _measurements, _metadata), do: :ok
+      end,
+      Macro.Env.location(__ENV__)
+    )
+
+    on_exit(fn ->
+      :code.delete(:telemetry)
+      :code.purge(:telemetry)
+    end)
+
+    assert Telemetry.emit(event, %{n: 2}, %{forward_to: self()}) == :ok
+    assert_received {:handed_on, ^event, %{n: 2}}
+  end
+
   test "wrong handlers and events raise", %{event: event, id: id} do
     assert_raise ArgumentError, ~r/a function of 4 arguments/, fn ->
       Telemetry.attach(id, event, fn -> 1 end, nil)

@@ -109,6 +109,7 @@ defmodule BB.UnitTest do
           {~u(180 degree), :radian, :math.pi()},
           {~u(1 revolution), :degree, 360},
           {~u(60 arc_minute), :degree, 1},
+          {~u(1 millidegree), :degree, 0.001},
           {~u(100 millisecond), :nanosecond, 100_000_000},
           {~u(2 hour), :minute, 120},
           {~u(1 kilohertz), :hertz, 1000},
@@ -170,6 +171,40 @@ defmodule BB.UnitTest do
       forall {value, power} <- {integer(), oneof([:millimeter, :micrometer, :nanometer])} do
         unit = Unit.new!(value, :kilometer)
         unit |> Unit.convert!(power) |> Unit.convert!(:kilometer) === unit
+      end
+    end
+  end
+
+  describe "every kind of quantity" do
+    # The SI unit, and others of the kind.
+    for {si, others} <- [
+          meter: ~w(inch foot mile),
+          radian: ~w(degree revolution arc_minute),
+          second: ~w(minute hour day),
+          hertz: ~w(per_second),
+          gram: ~w(tonne pound ounce),
+          newton: ~w(kilogram_force pound_force kilogram_meter_per_second_squared),
+          newton_meter: ~w(joule newton_centimeter),
+          volt: ~w(watt_per_ampere),
+          ampere: ~w(watt_per_volt),
+          ohm: ~w(volt_per_ampere),
+          kelvin: ~w(celsius fahrenheit)
+        ] do
+      test "takes SI prefixes and makes rates: #{si}" do
+        si = unquote(to_string(si))
+        compatible = unquote(others)
+
+        for {prefix, exponent} <- BB.Unit.Name.prefixes() do
+          value = Unit.convert!(Unit.new!(1, prefix <> si), si).value
+          assert_in_delta value / :math.pow(10, exponent), 1, 1.0e-12
+        end
+
+        for other <- compatible, do: assert(Unit.compatible?(other, si))
+
+        rate = Unit.new!(60, "#{si}_per_minute")
+        assert_in_delta Unit.convert!(rate, "#{si}_per_second").value, 1, 1.0e-12
+        assert Unit.to_string!(rate) == "60 #{String.replace(si, "_", " ")} per minute"
+        refute Unit.compatible?(rate, si)
       end
     end
   end

@@ -111,6 +111,8 @@ defmodule BB.Unit.Name do
            end
          )
 
+  @prefixable Enum.sort(["degree" | Map.keys(@metric)])
+
   @doc "Every unit that has a name of its own, without prefixes."
   def known, do: Enum.sort(Map.keys(@known))
 
@@ -118,7 +120,7 @@ defmodule BB.Unit.Name do
   def prefixes, do: @prefixes
 
   @doc "The units that take prefixes."
-  def metric, do: Enum.sort(Map.keys(@metric))
+  def metric, do: @prefixable
 
   @doc "The name as it is kept: a string whose words are joined by dashes."
   def normalise(name) when is_atom(name) and name != nil, do: normalise(Atom.to_string(name))
@@ -196,7 +198,7 @@ defmodule BB.Unit.Name do
   defp prefixed(word, [{prefix, exponent} | rest]) do
     with true <- String.starts_with?(word, prefix),
          base = binary_part(word, byte_size(prefix), byte_size(word) - byte_size(prefix)),
-         true <- is_map_key(@metric, base) do
+         true <- base in @prefixable do
       unit = Map.fetch!(@known, base)
       {:ok, %{unit | ratio: multiply(unit.ratio, power({10, 1}, exponent))}}
     else
