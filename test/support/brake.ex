@@ -63,3 +63,20 @@ defmodule BB.Test.Brake do
     end
   end
 end
+
+defmodule BB.Test.Caliper do
+  @moduledoc "A `BB.Test.Brake` that is an actuator."
+
+  use BB.Actuator, options_schema: [force: [type: :pos_integer, default: 10]]
+
+  alias BB.Test.Brake
+
+  @impl BB.Actuator
+  defdelegate init(opts), to: Brake
+
+  @impl BB.Actuator
+  defdelegate disarm(opts), to: Brake
+
+  @impl BB.Actuator
+  defdelegate handle_cast(request, state), to: Brake
+end

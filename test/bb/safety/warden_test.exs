@@ -19,7 +19,7 @@ defmodule BB.Safety.WardenTest do
 
           joint :joint do
             type :fixed
-            sensor :b, BB.Test.Brake
+            actuator :b, BB.Test.Caliper
             link :tip
           end
         end
@@ -126,37 +126,55 @@ defmodule BB.Safety.WardenTest do
     assert_forgotten(robot)
   end
 
-  test "a robot whose actuator is in the middle of a restart: every registered disarm ran exactly once" do
-    for blow <- [:topology, :root, :stop] do
+  for blow <- [:topology, :root, :stop] do
+    @blow blow
+
+    test "a robot whose actuator is in the middle of a restart: every registered disarm ran exactly once (#{blow})" do
       {robot, root} = start()
       :ok = Safety.arm(robot)
       test = self()
 
-      Brake.script(robot, @a,
+      Brake.script(robot, @b,
         init: fn _opts ->
           send(test, {:restarting, robot})
           Process.sleep(:infinity)
         end
       )
 
-      BB.cast(robot, :a, :crash)
+      BB.cast(robot, :b, :crash)
       assert_receive {:restarting, ^robot}, 5_000
-      strike(blow, root)
-      assert eventually(fn -> runs(robot) == {1, 1} and not Safety.armed?(robot) end)
+      strike(@blow, root)
+      assert eventually(fn -> Safety.state(robot) == :disarmed end)
+      assert runs(robot) == {1, 1}
+      assert_settled(@blow, robot)
+      assert runs(robot) == {1, 1}
+    end
+
+    test "a robot whose actuator is down: every registered disarm ran exactly once (#{blow})" do
+      {robot, root} = start()
+      :ok = Safety.arm(robot)
+      Brake.script(robot, @b, init: fn _opts -> {:stop, :absent} end)
+      BB.cast(robot, :b, :crash)
+      assert eventually(fn -> match?([%{state: :backoff}], BB.Actuator.health(robot)) end)
+      strike(@blow, root)
+      assert eventually(fn -> Safety.state(robot) == :disarmed end)
+      assert runs(robot) == {1, 1}
+      assert_settled(@blow, robot)
+      assert runs(robot) == {1, 1}
     end
   end
 
-  test "a robot whose actuator is down: every registered disarm ran exactly once" do
-    for blow <- [:topology, :root, :stop] do
-      {robot, root} = start()
-      :ok = Safety.arm(robot)
-      Brake.script(robot, @a, init: fn _opts -> {:stop, :absent} end)
-      BB.cast(robot, :a, :crash)
-      assert eventually(fn -> health(robot, :a).state == :backoff end)
-      strike(blow, root)
-      assert eventually(fn -> runs(robot) == {1, 1} and Safety.state(robot) == :disarmed end)
-    end
+  # All that a blow leads to is over: a robot is up again, or gone.
+  defp assert_settled(:topology, robot) do
+    Brake.script(robot, @b, init: fn opts -> {:ok, opts} end)
+    _hangs = BB.Process.whereis(robot, :b) |> kill()
+    assert_up_again(robot)
   end
+
+  defp assert_settled(_blow, robot), do: assert_forgotten(robot)
+
+  defp kill(:undefined), do: false
+  defp kill(pid), do: Process.exit(pid, :kill)
 
   test "a robot that is disarmed when its tree dies has nothing to be made safe: no disarm runs" do
     {robot, root} = start()
@@ -391,7 +409,7 @@ defmodule BB.Safety.WardenTest do
   end
 
   defp states(robot) do
-    for row <- BB.Sensor.health(robot), do: row.state
+    for row <- BB.Sensor.health(robot) ++ BB.Actuator.health(robot), do: row.state
   rescue
     ArgumentError -> [:none]
   end
