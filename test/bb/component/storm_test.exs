@@ -16,7 +16,8 @@ defmodule BB.Component.StormTest do
 
   @siblings for n <- 1..19, do: :"sibling_#{n}"
 
-  # `{name, what is scripted, how it is set off}`. A fault ends when its script does; one that strikes once has ended when it strikes.
+  # `{name, what is scripted, how it is set off, how it ends beside the end of the script}`. The last callback of a script is the one
+  # that fails.
   defp faults do
     [
       {"init raises", [init: fn _ -> raise "broken" end], &kill/1},
@@ -26,6 +27,8 @@ defmodule BB.Component.StormTest do
       {"init returns {:stop, reason}", [init: fn _ -> {:stop, :absent} end], &kill/1},
       {"init returns {:error, reason}", [init: fn _ -> {:error, :enodev} end], &kill/1},
       {"init is killed", [init: fn _ -> Process.exit(self(), :kill) end], &kill/1},
+      {"init hangs", [init: fn opts -> receive(do: (:go_on -> {:ok, opts[:bb]})) end], &kill/1,
+       &send(&1, :go_on)},
       {"init's continuation crashes",
        [
          init: fn _ -> {:ok, nil, {:continue, :go}} end,
@@ -50,11 +53,8 @@ defmodule BB.Component.StormTest do
          end
        ], &cast/1},
       {"killed", [], &kill/1},
-      {"hangs, and is killed", [handle_cast: fn _, _ -> Process.sleep(:infinity) end],
-       fn robot ->
-         cast(robot)
-         kill(robot)
-       end}
+      {"hangs, and is killed", [handle_cast: fn _, _ -> Process.sleep(:infinity) end], &cast/1,
+       &Process.exit(&1, :kill)}
     ]
   end
 
@@ -98,13 +98,12 @@ defmodule BB.Component.StormTest do
     {:ok, standstill} = Standstill.start_link()
     supervisors = supervisors(robot)
     siblings = for name <- @siblings, do: pid(robot, name)
-    healing = Map.new(faults(), fn {_name, script, _} -> {script, heal(script)} end)
 
     slowest_ms =
       faults()
       |> Stream.cycle()
       |> Enum.take(count())
-      |> Enum.map(fn fault -> strike(robot, fault, healing, standstill) end)
+      |> Enum.map(fn fault -> strike(robot, fault, standstill) end)
       |> Enum.max()
 
     assert {heard, []} = Gaps.report(gaps)
@@ -113,6 +112,9 @@ defmodule BB.Component.StormTest do
     assert supervisors(robot) == supervisors
     assert health(robot, :imu).restarts >= count()
     assert for(%{state: state} <- BB.Sensor.health(robot), do: state) == List.duplicate(:up, 20)
+
+    retries = retries(robot, [])
+    assert length(retries) >= count() and Enum.max(retries) <= 750
 
     if System.get_env("FAULTS") do
       IO.puts("\n#{count()} faults; the slowest recovery took #{slowest_ms} ms")
@@ -123,33 +125,71 @@ defmodule BB.Component.StormTest do
   defp count, do: String.to_integer(System.get_env("FAULTS") || "#{length(faults())}")
 
   # Returns after how many milliseconds from the fault's end on the sensor was up.
-  defp strike(robot, {_name, script, set_off}, healing, standstill) do
+  defp strike(robot, {name, script, set_off}, standstill),
+    do: strike(robot, {name, script, set_off, fn _struck -> :ok end}, standstill)
+
+  defp strike(robot, {name, script, set_off, relieve}, standstill) do
     before = pid(robot, :imu)
-    Probe.script(robot, :imu, script)
+    _earlier = struck_last(nil)
+    Probe.script(robot, :imu, telling(script))
     set_off.(robot)
-    assert_status(robot, :imu, %{state: :backoff, retry_in_ms: retry_ms})
-    assert retry_ms <= 750
-    Probe.script(robot, :imu, healing[script])
+    struck = struck(name, script, before)
+    Probe.script(robot, :imu, heal(script))
+    relieve.(struck)
     _before = Standstill.take(standstill)
     ended_ms = System.monotonic_time(:millisecond)
-    await_up(robot)
-    assert pid(robot, :imu) not in [before, :undefined]
+    assert eventually(fn -> up?(robot, [before, failed(name, struck)]) end, 30_000)
     System.monotonic_time(:millisecond) - ended_ms - Standstill.take(standstill)
   end
 
-  # A fault of init may have struck once more, for another reason.
-  defp await_up(robot) do
+  # The last callback tells the test in which process it strikes.
+  defp telling([]), do: []
+
+  defp telling(script) do
+    test = self()
+    {healthy, [{callback, fun}]} = Enum.split(script, -1)
+    tell = fn -> send(test, {:struck, self()}) end
+    healthy ++ [{callback, after_telling(fun, tell)}]
+  end
+
+  defp after_telling(fun, tell) when is_function(fun, 1), do: &(tell.() && fun.(&1))
+  defp after_telling(fun, tell) when is_function(fun, 2), do: &(tell.() && fun.(&1, &2))
+  defp after_telling(fun, tell) when is_function(fun, 3), do: &(tell.() && fun.(&1, &2, &3))
+
+  defp struck(_name, [], before), do: before
+
+  defp struck(name, _script, _before) do
+    assert_receive {:struck, pid}, 30_000, name
+    struck_last(pid)
+  end
+
+  # A fault of init may strike more than once.
+  defp struck_last(pid) do
     receive do
-      {:bb, [:sensor_status | _], %{robot: ^robot, payload: %{state: :up}}} ->
-        :ok
-
-      {:bb, [:sensor_status | _], %{payload: %{retry_in_ms: ms}}} when ms <= 750 ->
-        await_up(robot)
+      {:struck, pid} -> struck_last(pid)
     after
-      30_000 -> flunk("it is not up again: #{inspect(health(robot, :imu))}")
+      0 -> pid
     end
+  end
 
-    if health(robot, :imu).state != :up, do: await_up(robot)
+  defp failed("init hangs", _struck), do: nil
+  defp failed(_name, struck), do: struck
+
+  defp up?(robot, gone) do
+    row = health(robot, :imu)
+    row.state == :up and row.pid not in gone and pid(robot, :imu) == row.pid
+  end
+
+  defp retries(robot, found) do
+    receive do
+      {:bb, [:sensor_status | _], %{robot: ^robot, frame_id: :imu, payload: status}} ->
+        retries(
+          robot,
+          if(status.state == :backoff, do: [status.retry_in_ms | found], else: found)
+        )
+    after
+      0 -> found
+    end
   end
 
   # The callbacks of a sensor that has no fault.
