@@ -101,6 +101,19 @@ defmodule DocumentationTest do
     Supervisor.stop(binding[:buses])
   end
 
+  test "the examples of the guide to drivers run one after the other" do
+    Process.flag(:trap_exit, true)
+    binding = run("docs/guides/drivers.md")
+    Supervisor.stop(binding[:root])
+    Supervisor.stop(binding[:buses])
+  end
+
+  test "the examples of the guide from Beam Bots run one after the other" do
+    Process.flag(:trap_exit, true)
+    binding = run("docs/guides/from-beam-bots.md")
+    Supervisor.stop(binding[:root])
+  end
+
   defp guide(document), do: Module.concat([Macro.camelize(Path.basename(document, ".md"))])
 
   # Each may name what those before it have bound.

@@ -42,7 +42,7 @@ defmodule BB.Sensor do
   ## When things go wrong
 
   A device that does not answer is no reason to crash: return `{:stop, reason}` from `init/1`, or `{:stop, reason, state}` from
-  a later callback, with a reason that a person can act on. The sensor then goes down alone and is started again, at first
+  a later callback, with a reason that a person can act on; as `{:shutdown, reason}` it is no crash in OTP's log. The sensor then goes down alone and is started again, at first
   within 100 ms, then less often (`BB.Component.Backoff`), until it is up. A crash is handled in the same way, with OTP's report
   in the log. A process that the driver links to itself takes it down when it fails.
 
