@@ -178,6 +178,140 @@ defmodule BB.DslTest do
       assert %{blocks.robot() | name: nil} == %{keywords.robot() | name: nil}
     end
 
+    test "means the same for every entity as a block, as keywords, and with parentheses" do
+      blocks =
+        robot do
+          settings do
+            name :one
+            registry_options partitions: 2
+          end
+
+          parameters do
+            param :rate do
+              type :integer
+              default 5
+              min 1
+              max 9
+              doc "How often."
+            end
+
+            group :arm do
+              param :gear, type: :float, default: 2.0
+            end
+          end
+
+          sensors do
+            sensor :battery, BB.Test.Probe do
+              required true
+              retain true
+              max_silence ~u(1 second)
+            end
+          end
+
+          controllers do
+            controller :brain, BB.Test.Brain do
+              required true
+            end
+          end
+
+          topology do
+            link :base do
+              joint :j do
+                type :revolute
+
+                origin do
+                  x ~u(1 meter)
+                  yaw ~u(90 degree)
+                end
+
+                axis do
+                  z 1
+                end
+
+                limit do
+                  lower ~u(0 degree)
+                  upper ~u(1 radian)
+                end
+
+                dynamics do
+                  damping 0.1
+                  friction 0.2
+                end
+
+                sensor :encoder, BB.Test.Probe do
+                  transmission do
+                    reduction param([:arm, :gear])
+                    offset ~u(5 degree)
+                    reversed? true
+                  end
+                end
+
+                actuator :motor, {BB.Test.Motor, rate: param([:rate])} do
+                  required true
+
+                  transmission do
+                    reduction 3
+                  end
+                end
+
+                link :tip
+              end
+            end
+          end
+        end
+
+      keywords =
+        robot do
+          settings(name: :one, registry_options: [partitions: 2])
+
+          parameters do
+            param(:rate, type: :integer, default: 5, min: 1, max: 9, doc: "How often.")
+            group(:arm, do: param(:gear, do: [type(:float), default(2.0)]))
+          end
+
+          sensors(
+            do:
+              sensor(:battery, BB.Test.Probe,
+                required: true,
+                retain: true,
+                max_silence: ~u(1 second)
+              )
+          )
+
+          controllers(do: controller(:brain, {BB.Test.Brain, []}, required: true))
+
+          topology do
+            link(:base) do
+              joint(:j,
+                type: :revolute,
+                origin: [x: ~u(1 meter), yaw: ~u(90 degree)],
+                axis: [z: 1],
+                limit: [lower: ~u(0 degree), upper: ~u(1 radian)],
+                dynamics: [damping: 0.1, friction: 0.2]
+              ) do
+                sensor(:encoder, BB.Test.Probe,
+                  transmission: [
+                    reduction: param([:arm, :gear]),
+                    offset: ~u(5 degree),
+                    reversed?: true
+                  ]
+                )
+
+                actuator(:motor, {BB.Test.Motor, rate: param([:rate])}, required: true) do
+                  transmission(reduction: 3)
+                end
+
+                link(:tip)
+              end
+            end
+          end
+        end
+
+      assert %{blocks.robot() | name: nil} == %{keywords.robot() | name: nil}
+      assert [_, _] = blocks.robot().parameters
+      assert [_, %{transmission: %{offset: _}} | _] = Map.values(blocks.robot().sensors)
+    end
+
     test "names links and joints without a name :link_0, :joint_0, …" do
       robot =
         robot do

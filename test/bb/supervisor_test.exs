@@ -89,6 +89,50 @@ defmodule BB.SupervisorTest do
       for {id, pid, _, _} <- Supervisor.which_children(robot), into: %{}, do: {id, pid}
     end
 
+    test "is one_for_one at every link and joint: what dies takes only what it carries with it" do
+      robot =
+        robot do
+          topology do
+            link :base do
+              sensor :imu, BB.Test.Probe
+
+              joint :left do
+                type :fixed
+                sensor :encoder, BB.Test.Probe
+
+                link :hand do
+                  sensor :touch, BB.Test.Probe
+                end
+              end
+
+              joint :right do
+                type :fixed
+                sensor :other, BB.Test.Probe
+                link :foot
+              end
+            end
+          end
+        end
+
+      start_supervised!(robot)
+      assert eventually(fn -> Enum.all?(BB.Sensor.health(robot), &(&1.state == :up)) end)
+
+      for {part, carried} <- [{{:link, :hand}, [:touch]}, {{:joint, :left}, [:encoder, :touch]}] do
+        before = pids(robot)
+        {_id, victim} = Enum.find(supervisors(robot), fn {id, _pid} -> List.last(id) == part end)
+        Process.exit(victim, :kill)
+
+        assert eventually(fn ->
+                 Enum.all?(carried, &(pids(robot)[&1] not in [before[&1], :undefined]))
+               end)
+
+        assert Map.drop(pids(robot), carried) == Map.drop(before, carried)
+      end
+    end
+
+    defp pids(robot),
+      do: for(name <- [:imu, :encoder, :touch, :other], into: %{}, do: {name, pid(robot, name)})
+
     test "shows each sensor under its keeper, as a supervisor's child" do
       robot = start_up(one_of_three())
       keeper = keeper(robot, :imu)
