@@ -30,7 +30,7 @@ fn main() -> Outcome<()> {
     let own = Topic::new(own)?;
     let subscribers = others
         .iter()
-        .map(|name| Ok(Subscriber::open(&Topic::new(name)?, &SubscriberOptions::default())?))
+        .map(|name| subscribe(name))
         .collect::<Outcome<Vec<_>>>()?;
     let options = PublisherOptions {
         geometry: Geometry::depth(SLOTS, LONGEST_BODY + HEADER as u32)?,
@@ -53,6 +53,11 @@ fn main() -> Outcome<()> {
         publish(&mut publisher, count, &progress)
     })?;
     await_line()
+}
+
+fn subscribe(name: &str) -> Outcome<Subscriber> {
+    let topic = Topic::new(name)?;
+    Ok(Subscriber::open(&topic, &SubscriberOptions::default())?)
 }
 
 fn publish(publisher: &mut Publisher, count: u64, progress: &Progress) -> Outcome<()> {

@@ -40,6 +40,7 @@ cases! { C, in_c, C_CASES:
     a_topic_can_be_looked_at_from_outside
     geometries_are_rounded_up
     the_clock_is_the_one_that_stamps_messages
+    a_segment_is_made_and_read_as_the_wire_format_says
 }
 
 cases! { CPP, in_cpp, CPP_CASES:
@@ -66,6 +67,7 @@ cases! { CPP, in_cpp, CPP_CASES:
     one_signal_stops_several_nodes
     callbacks_may_add_subscriptions
     a_wrong_rate_throws
+    a_camera_frame_is_laid_out_as_the_wire_format_says
     running_a_running_node_throws
 }
 

@@ -12,6 +12,8 @@
 
 #include <conduit_ring.h>
 
+#include "wire_format.h"
+
 #define CHECK(condition) \
     ((condition) ? (void)0 \
                  : (fprintf(stderr, "line %d: %s; last error: %s\n", __LINE__, #condition, conduit_ring_last_error()), exit(1)))
@@ -427,6 +429,56 @@ static void the_clock_is_the_one_that_stamps_messages(void) {
     CHECK(wall_s - now.tv_sec < 60 && now.tv_sec - wall_s < 60);
 }
 
+/* Where two files of the same content differ, as the dumps say. */
+static const size_t VARIES[][2] = {{32, 48}, {80, 84}, {88, 104}, {1228, 1236}, {1292, 1300}};
+
+static void expect_segment(const char *path, const char *name) {
+    unsigned char shown[2048], found[2048];
+    const size_t size = wire_format_read(name, shown, sizeof shown);
+    FILE *file = fopen(path, "r");
+    CHECK(file != NULL && fread(found, 1, sizeof found, file) == size);
+    fclose(file);
+    for (size_t i = 0; i < sizeof VARIES / sizeof *VARIES; ++i) {
+        memset(shown + VARIES[i][0], 0, VARIES[i][1] - VARIES[i][0]);
+        memset(found + VARIES[i][0], 0, VARIES[i][1] - VARIES[i][0]);
+    }
+    CHECK(memcmp(shown, found, size) == 0);
+}
+
+static void a_segment_is_made_and_read_as_the_wire_format_says(void) {
+    char path[300];
+    snprintf(path, sizeof path, "/dev/shm/conduit_%s", topic);
+    conduit_ring_publisher *publisher = publisher_of(2, 64);
+    expect_segment(path, "empty_segment");
+    publish(publisher, "message0");
+    publish(publisher, "message1");
+    publish(publisher, "message2");
+    expect_segment(path, "segment");
+    conduit_ring_publisher_close(publisher);
+
+    unsigned char shown[2048];
+    const size_t size = wire_format_read("segment", shown, sizeof shown);
+    FILE *file = fopen(path, "w");
+    CHECK(file != NULL && fwrite(shown, 1, size, file) == size && fclose(file) == 0);
+    conduit_ring_info info;
+    CHECK(conduit_ring_topic_info(topic, &info) == 0);
+    CHECK(info.geometry.slot_count == 2 && info.geometry.slot_size_bytes == 64 && info.published == 3);
+    CHECK(info.state == CONDUIT_RING_STATE_DEAD && info.writer_pid == 12345);
+    CHECK(info.instance_id == UINT64_C(0x0123456789abcdef) && info.last_publish_ns == UINT64_C(1234567890123456789));
+    CHECK(info.content_tag == conduit_ring_content_tag("text/plain"));
+
+    conduit_ring_subscriber *subscriber = subscriber_of(CONDUIT_RING_START_HISTORY, 16, CONDUIT_RING_POLICY_ALL);
+    conduit_ring_message *message = message_of_nothing();
+    expect_event(subscriber, message, CONDUIT_RING_EVENT_MESSAGE);
+    expect_text(message, "message1");
+    expect_event(subscriber, message, CONDUIT_RING_EVENT_MESSAGE);
+    expect_text(message, "message2");
+    CHECK(conduit_ring_message_meta(message).sequence == 2);
+    CHECK(conduit_ring_message_meta(message).timestamp_ns == UINT64_C(1234567890123456789));
+    conduit_ring_message_free(message);
+    conduit_ring_subscriber_close(subscriber);
+}
+
 #define CASE(name) {#name, name}
 static const struct {
     const char *name;
@@ -445,6 +497,7 @@ static const struct {
     CASE(a_topic_can_be_looked_at_from_outside),
     CASE(geometries_are_rounded_up),
     CASE(the_clock_is_the_one_that_stamps_messages),
+    CASE(a_segment_is_made_and_read_as_the_wire_format_says),
 };
 
 int main(int argc, char **argv) {

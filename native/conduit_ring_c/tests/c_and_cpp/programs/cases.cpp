@@ -28,6 +28,8 @@
 #include <conduit_core/node.hpp>
 #include <conduit_core/pubsub.hpp>
 
+#include "wire_format.h"
+
 using namespace std::chrono_literals;
 using conduit::Message;
 using conduit::Node;
@@ -473,6 +475,37 @@ void running_a_running_node_throws() {
   CHECK(sentence.find("running already") != std::string::npos);
 }
 
+#pragma pack(push, 1)
+struct FrameHeader {
+  std::uint16_t magic;
+  std::uint8_t version, flags;
+  std::uint32_t width, height;
+  char fourcc[4];
+  std::uint32_t stride, data_size;
+  std::uint64_t timestamp_ns;
+  std::uint8_t clock_id, plane_count, rotation, colourspace;
+  std::uint32_t frame_id, exposure_us;
+};
+#pragma pack(pop)
+
+void a_camera_frame_is_laid_out_as_the_wire_format_says() {
+  unsigned char shown[64];
+  const std::size_t size = wire_format_read("frame_header", shown, sizeof shown);
+  CHECK(size == sizeof(FrameHeader));
+  Publisher publisher(topic);
+  Subscriber subscriber(topic);
+  CHECK(publisher.publish(shown, size));
+  const Message message = subscriber.wait();
+  FrameHeader header;
+  CHECK(message.size() == sizeof header);
+  std::memcpy(&header, message.data(), sizeof header);
+  CHECK(header.magic == 0x4D43 && header.version == 1 && header.flags == 0);
+  CHECK(header.width == 640 && header.height == 480 && std::memcmp(header.fourcc, "GREY", 4) == 0);
+  CHECK(header.stride == 704 && header.data_size == 704 * 480 && header.timestamp_ns == 123456789012345u);
+  CHECK(header.clock_id == 4 && header.plane_count == 1 && header.rotation == 2 && header.colourspace == 3);
+  CHECK(header.frame_id == 0xFFFFFFFFu && header.exposure_us == 8333);
+}
+
 #define CASE(name) {#name, name}
 const std::map<std::string, void (*)()> cases = {
     CASE(messages_arrive_in_order),
@@ -498,6 +531,7 @@ const std::map<std::string, void (*)()> cases = {
     CASE(one_signal_stops_several_nodes),
     CASE(callbacks_may_add_subscriptions),
     CASE(a_wrong_rate_throws),
+    CASE(a_camera_frame_is_laid_out_as_the_wire_format_says),
     CASE(running_a_running_node_throws),
 };
 
