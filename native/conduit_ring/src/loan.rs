@@ -89,6 +89,42 @@ impl<'a> Loan<'a> {
     pub fn commit(self) -> u64 {
         self.publisher.commit(self.len)
     }
+
+    /// The loan without its hold on the publisher, for those who cannot keep a borrow: other languages.
+    pub fn suspend(mut self) -> SuspendedLoan {
+        SuspendedLoan {
+            slot: self.as_mut_ptr().addr(),
+            sequence: self.sequence(),
+            len: self.len,
+        }
+    }
+}
+
+/// A loan to be taken up again: see [`Loan::suspend`]. Its bytes may be written through the loan's pointer until the
+/// publisher publishes, lends anew or is dropped.
+#[derive(Debug)]
+pub struct SuspendedLoan {
+    slot: usize,
+    sequence: u64,
+    len: usize,
+}
+
+impl SuspendedLoan {
+    /// The loan as it was. `None` when the publisher has published meanwhile, or is not the one that lent.
+    pub fn resume(self, publisher: &mut Publisher) -> Option<Loan<'_>> {
+        let here = (publisher.lent_payload().addr(), publisher.next_sequence());
+        (here == (self.slot, self.sequence)).then(|| Loan::new(publisher, self.len))
+    }
+
+    /// Length of the message in bytes.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether the message has no bytes.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
 }
 
 impl io::Write for Loan<'_> {
