@@ -29,7 +29,7 @@ has_python() {
 make_venv() {
   "$VENV/bin/python" -c 'import numpy, pytest' 2>/dev/null && [ -x "$VENV/bin/maturin" ] && return
   python3 -m venv --clear "$VENV"
-  "$VENV/bin/pip" install --quiet --disable-pip-version-check "maturin>=1.9,<2" pytest numpy ||
+  "$VENV/bin/python" -m pip install --quiet --disable-pip-version-check "maturin>=1.9,<2" pytest numpy ||
     die "pip could not install maturin, pytest and numpy, without which nothing of Python can be tested; is PyPI reachable?"
 }
 
@@ -38,7 +38,7 @@ build() {
   # The variables of an outer virtual environment would lead to another Python.
   (cd native/conduit_ring_py && env -u VIRTUAL_ENV -u CONDA_PREFIX "$VENV/bin/maturin" build --quiet --profile dev --locked \
     --compatibility linux --interpreter "$VENV/bin/python" --target-dir "$BUILD/cargo" --out "$BUILD/wheels")
-  "$VENV/bin/pip" install --quiet --disable-pip-version-check --no-deps --force-reinstall "$BUILD"/wheels/*.whl
+  "$VENV/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --force-reinstall "$BUILD"/wheels/*.whl
 }
 
 case "${1:-}" in

@@ -79,10 +79,8 @@ impl Inner {
     }
 
     fn lend(&mut self, len: usize) -> Result<*mut u8, Failure> {
-        let mut loan = self.idle()?.loan(len)?;
-        let bytes = loan.as_mut_ptr();
-        self.loan = Some(loan.suspend());
-        Ok(bytes)
+        let loan = self.idle()?.loan(len)?.suspend();
+        Ok(self.loan.insert(loan).as_mut_ptr())
     }
 
     fn commit(&mut self, len: usize) -> Result<u64, Failure> {
