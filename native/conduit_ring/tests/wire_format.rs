@@ -1,4 +1,5 @@
 //! docs/wire-format.md says what the code does: its tables against `layout.rs`, its dumps against segments.
+#![cfg(not(loom))]
 
 use std::collections::BTreeMap;
 use std::fs;
