@@ -6,63 +6,65 @@ defmodule Bench.Ring do
   alias BB.Ring
   alias BB.Ring.{Message, Native, Publisher, Subscriber}
 
-  @rounds 41
-  @peer_rounds 41
-  @messages 3000
+  # Each case and its baseline are measured in turns, so that a machine whose pace drifts slows all of them alike.
+  @turns 7
+  @rounds 15
+  @messages 1000
   @rate_hz 1000
   @large 2_000_000
+  # As the native sender's: a receiver that is not run for a quarter of a second loses nothing.
+  @depth 256
 
   def run do
-    baselines = %{
-      nif: median(fn -> Native.nothing() end, 20_000),
-      memcpy: peer_ns("ring_peer", "memcpy", @large, 20)
-    }
-
-    for {name, size, calls} <- [{"publish_48", 48, 20_000}, {"publish_64k", 65_536, 200}] do
-      report(name, publish(size, calls), {"empty NIF call", baselines.nif})
-
-      report(
-        name <> "_native",
-        peer_ns("ring_peer", "publish", size, calls),
-        {"empty NIF call", baselines.nif}
-      )
-
-      report(
-        name <> "_iceoryx2",
-        peer_ns("iceoryx2_peer", "publish", size, calls),
-        {"empty NIF call", baselines.nif}
-      )
-
-      report(
-        name <> "_port",
-        port_write(size, min(calls, 500)),
-        {"empty NIF call", baselines.nif}
-      )
-    end
-
-    report("publish_2m", publish(@large, 20), {"memcpy", baselines.memcpy})
-
-    report(
-      "publish_2m_native",
-      peer_ns("ring_peer", "publish", @large, 20),
-      {"memcpy", baselines.memcpy}
-    )
-
-    report(
-      "publish_2m_iceoryx2",
-      peer_ns("iceoryx2_peer", "publish", @large, 20),
-      {"memcpy", baselines.memcpy}
-    )
-
-    report("publish_2m_port", port_write(@large, 5), {"memcpy", baselines.memcpy})
-
-    native = native_to_native("ring_peer")
-    latency("native_to_native", native, native)
-    latency("native_to_native_iceoryx2", native_to_native("iceoryx2_peer"), native)
-    latency("elixir_to_native", elixir_to_native(), native)
-    latency("native_to_elixir", native_to_elixir(), native)
-    latency("native_to_elixir_port", port_to_elixir(), native)
+    empty = {"empty NIF call", fn -> median(fn -> Native.nothing() end, 20_000) end}
+    memcpy = {"memcpy", fn -> peer_ns("ring_peer", "memcpy", @large, 10) end}
+    publishing("publish_48", 48, 20_000, empty)
+    publishing("publish_64k", 65_536, 200, empty)
+    publishing("publish_2m", @large, 10, memcpy)
+    latencies()
   end
+
+  defp publishing(name, size, calls, {baseline, baseline_fun}) do
+    names = for suffix <- ["", "_native", "_iceoryx2", "_port"], do: name <> suffix
+
+    measures = [
+      baseline_fun,
+      fn -> publish(size, calls) end,
+      fn -> peer_ns("ring_peer", "publish", size, calls) end,
+      fn -> peer_ns("iceoryx2_peer", "publish", size, calls) end,
+      fn -> port_write(size, min(calls, 500)) end
+    ]
+
+    [baseline_ns | all] = measures |> in_turns() |> Enum.map(&middle/1)
+    for {name, ns} <- Enum.zip(names, all), do: report(name, ns, {baseline, baseline_ns})
+  end
+
+  defp latencies do
+    cases = [
+      native_to_native: fn -> native_to_native("ring_peer") end,
+      native_to_native_iceoryx2: fn -> native_to_native("iceoryx2_peer") end,
+      elixir_to_native: &elixir_to_native/0,
+      native_to_elixir: &native_to_elixir/0,
+      native_to_elixir_port: &port_to_elixir/0
+    ]
+
+    measured = cases |> Keyword.values() |> in_turns() |> Enum.map(&middle_quantiles/1)
+    native = hd(measured)
+
+    for {{name, _}, figures} <- Enum.zip(cases, measured),
+        do: latency(to_string(name), figures, native)
+  end
+
+  defp middle_quantiles(turns),
+    do: %{p50: middle(for(t <- turns, do: t.p50)), p99: middle(for(t <- turns, do: t.p99))}
+
+  # What each function returned in each turn.
+  defp in_turns(functions) do
+    turns = for _ <- 1..@turns, do: for(function <- functions, do: function.())
+    turns |> Enum.zip() |> Enum.map(&Tuple.to_list/1)
+  end
+
+  defp middle(values), do: values |> Enum.sort() |> Enum.at(div(length(values), 2))
 
   # Publishing: the median of rounds of many calls, in nanoseconds a call.
 
@@ -82,7 +84,10 @@ defmodule Bench.Ring do
   # A port's cost for the caller, while the program at its other end reads all that comes.
   defp port_write(size, calls) do
     sink = ["-c", "exec cat > /dev/null"]
-    port = Port.open({:spawn_executable, System.find_executable("sh")}, [:binary, args: sink])
+
+    port =
+      Port.open({:spawn_executable, System.find_executable("sh")}, [:binary, :out, args: sink])
+
     data = :binary.copy(<<7>>, size)
     ns = median(fn -> true = Port.command(port, data) end, calls)
     Port.close(port)
@@ -91,8 +96,7 @@ defmodule Bench.Ring do
 
   defp median(fun, calls) do
     for _ <- 1..4, do: time(fun, calls)
-    samples = for _ <- 1..@rounds, do: time(fun, calls)
-    Enum.at(Enum.sort(samples), div(@rounds, 2))
+    middle(for _ <- 1..@rounds, do: time(fun, calls))
   end
 
   defp time(fun, calls) do
@@ -121,7 +125,7 @@ defmodule Bench.Ring do
 
   defp elixir_to_native do
     topic = topic()
-    {:ok, publisher} = Publisher.open(topic)
+    {:ok, publisher} = Publisher.open(topic, depth: @depth, max_message_size: 4000)
     receiver = start("ring_peer", ["receive" | arguments(topic, [])])
     await_reader(topic)
     paced(fn n -> :ok = Publisher.publish(publisher, stamped(n)) end)
@@ -151,18 +155,20 @@ defmodule Bench.Ring do
 
   defp port_to_elixir do
     port = start("ring_peer", ["port" | arguments(nil, rate: @rate_hz)])
-    ages = for n <- 0..(@messages - 1), do: age(next_48(port), n)
+    {ages, <<>>} = Enum.map_reduce(0..(@messages - 1), <<>>, &next_from_port(port, &1, &2))
     Port.close(port)
     quantiles(ages)
   end
 
-  defp next_48(port) do
-    receive do
-      {^port, {:data, <<_::binary-size(48)>> = data}} ->
-        data
+  # What a port delivers may be more than one message, or less.
+  defp next_from_port(_port, n, <<message::binary-size(48), rest::binary>>),
+    do: {age(message, n), rest}
 
-      {^port, {:data, <<first::binary-size(48), rest::binary>>}} ->
-        send(self(), {port, {:data, rest}}) && first
+  defp next_from_port(port, n, rest) do
+    receive do
+      {^port, {:data, more}} -> next_from_port(port, n, rest <> more)
+    after
+      10_000 -> raise "no message within ten seconds"
     end
   end
 
@@ -205,7 +211,7 @@ defmodule Bench.Ring do
         "--bytes",
         "#{bytes}",
         "--rounds",
-        "#{@peer_rounds}",
+        "#{@rounds}",
         "--calls",
         "#{calls}"
       ])

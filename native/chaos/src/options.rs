@@ -130,7 +130,14 @@ fn inject(text: &str) -> Option<Inject> {
 }
 
 fn peer(verb: &str, rest: Vec<String>) -> Result<Request, Failure> {
-    let known = &["--number", "--topic", "--log", "--restless", "--corrupt"];
+    let known = &[
+        "--number",
+        "--topic",
+        "--log",
+        "--restless",
+        "--leasing",
+        "--corrupt",
+    ];
     let mut arguments = Arguments::new(rest, known);
     let (mut number, mut topic, mut log) = (None, None, None);
     let (mut manner, mut corrupt) = (Manner::Steady, false);
@@ -144,6 +151,7 @@ fn peer(verb: &str, rest: Vec<String>) -> Result<Request, Failure> {
             }
             "--log" => log = Some(arguments.path("a file")?),
             "--restless" => manner = Manner::Restless,
+            "--leasing" => manner = Manner::Leasing,
             _ => corrupt = true,
         }
     }

@@ -1,10 +1,12 @@
 //! What the native processes do that are killed.
 
+use std::collections::VecDeque;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use conduit_ring::{
-    Geometry, Publisher, PublisherOptions, Read, Start, Subscriber, SubscriberOptions, Topic,
+    Geometry, Meta, PublishError, Publisher, PublisherOptions, Read, Received, Start, Subscriber,
+    SubscriberOptions, Topic,
 };
 use program::Failure;
 use program::stop::Stop;
@@ -16,6 +18,10 @@ use crate::record::{Log, Record};
 
 /// A restless reader stays this long at most.
 const VISIT: Duration = Duration::from_millis(20);
+/// A leasing reader holds a message this long at most when it has nothing else to do.
+const HOLD: Duration = Duration::from_millis(3);
+/// As many leases as a subscriber may have.
+const LEASES: usize = 3;
 /// A corrupt publisher spoils one message of so many.
 const SPOILT: u64 = 20;
 
@@ -104,10 +110,26 @@ impl Life {
             buffer[at] ^= 1;
         }
         let (head, body) = buffer.split_at(random.below(buffer.len() as u64 + 1) as usize);
-        self.publisher
-            .publish_slices(&[head, body])
-            .map(drop)
-            .map_err(world)
+        let published = if random.one_in(3) {
+            self.lend(random, head, body)
+        } else {
+            self.publisher.publish_slices(&[head, body]).map(drop)
+        };
+        match published {
+            Err(PublishError::SlotHeld) => Ok(()),
+            published => published.map_err(world),
+        }
+    }
+
+    /// Writes the message into its slot, and one time in eight leaves it there unpublished.
+    fn lend(&mut self, random: &mut Random, head: &[u8], body: &[u8]) -> Result<(), PublishError> {
+        let mut loan = self.publisher.loan(head.len() + body.len())?;
+        loan.write_at(head.len(), body);
+        if !random.one_in(8) {
+            loan.write_at(0, head);
+            loan.commit();
+        }
+        Ok(())
     }
 }
 
@@ -122,29 +144,81 @@ pub fn subscribe(
 ) -> Result<(), Failure> {
     let mut random = Random::new(seed);
     let mut log = Log::open(log).map_err(world)?;
-    let mut buffer = Vec::new();
     while !stop.requested() {
-        let mut subscriber = Subscriber::open(topic, &options(&mut random)).map_err(world)?;
-        let deadline = match manner {
-            Manner::Restless => Some(Instant::now() + random.up_to(VISIT)),
-            Manner::Steady => {
-                let waker = subscriber.waker();
-                stop.wakes(move || waker.wake());
-                None
-            }
+        let subscriber = Subscriber::open(topic, &options(&mut random)).map_err(world)?;
+        let reader = Reader {
+            subscriber,
+            topic: number as u32,
+            log: &mut log,
+            stop,
         };
-        while !stop.requested() && deadline.is_none_or(|deadline| Instant::now() < deadline) {
-            let timeout = deadline.map_or(Duration::MAX, |_| VISIT);
-            let read = subscriber
-                .read_timeout(&mut buffer, timeout)
-                .map_err(world)?;
-            if let Read::Message(meta) = read {
-                log.append(&Record::of(number as u32, &meta, &buffer))
-                    .map_err(world)?;
-            }
+        match manner {
+            Manner::Steady => reader.read(None)?,
+            Manner::Restless => reader.read(Some(Instant::now() + random.up_to(VISIT)))?,
+            Manner::Leasing => reader.lease(&mut random)?,
         }
     }
     Ok(())
+}
+
+/// One subscription.
+struct Reader<'a> {
+    subscriber: Subscriber,
+    topic: u32,
+    log: &'a mut Log,
+    stop: &'a Stop,
+}
+
+impl Reader<'_> {
+    /// Reads until the deadline, or on and on.
+    fn read(mut self, deadline: Option<Instant>) -> Result<(), Failure> {
+        if deadline.is_none() {
+            self.wake_on_stop();
+        }
+        let mut buffer = Vec::new();
+        let timeout = deadline.map_or(Duration::MAX, |_| VISIT);
+        while !self.stop.requested() && deadline.is_none_or(|deadline| Instant::now() < deadline) {
+            let read = self.subscriber.read_timeout(&mut buffer, timeout);
+            if let Read::Message(meta) = read.map_err(world)? {
+                self.note(&meta, &buffer)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Holds messages in their slots, up to three at once, and looks at each only when it is about to let go.
+    fn lease(mut self, random: &mut Random) -> Result<(), Failure> {
+        self.wake_on_stop();
+        let mut held = VecDeque::new();
+        while !self.stop.requested() {
+            let most = random.below(LEASES as u64) as usize;
+            match self.subscriber.try_lease().map_err(world)? {
+                Received::Message(_, lease) => held.push_back(lease),
+                Received::Nothing if held.is_empty() => {
+                    self.subscriber.wait(Duration::MAX).map_err(world)?;
+                }
+                _ => {}
+            }
+            if held.len() > most
+                && let Some(lease) = held.pop_front()
+            {
+                self.stop.wait_until(Instant::now() + random.up_to(HOLD));
+                self.note(&lease.meta(), &lease.to_vec())?;
+            }
+        }
+        Ok(())
+    }
+
+    fn wake_on_stop(&self) {
+        let waker = self.subscriber.waker();
+        self.stop.wakes(move || waker.wake());
+    }
+
+    fn note(&mut self, meta: &Meta, bytes: &[u8]) -> Result<(), Failure> {
+        self.log
+            .append(&Record::of(self.topic, meta, bytes))
+            .map_err(world)
+    }
 }
 
 fn options(random: &mut Random) -> SubscriberOptions {

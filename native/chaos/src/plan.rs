@@ -11,6 +11,8 @@ pub enum Manner {
     Steady,
     /// Opens and closes again and again; a publisher changes the geometry, too.
     Restless,
+    /// Reads on and on, and holds each message in its slot for a while.
+    Leasing,
 }
 
 /// Who publishes a topic.
@@ -41,6 +43,8 @@ pub struct Line {
     pub readers: usize,
     /// Native processes that subscribe and leave again and again.
     pub restless_readers: usize,
+    /// Native processes that hold messages in their slots.
+    pub leasing_readers: usize,
     /// Whether BEAM nodes read it.
     pub nodes_read: bool,
 }
@@ -55,11 +59,11 @@ const NATIVE: Source = Source::Native(Manner::Steady);
 
 /// All topics. A topic's place here is its number.
 pub const LINES: [Line; 8] = [
-    line("small", 16, 64, 40, 20, NATIVE, 2, 2, true),
-    line("page", 8, 4096, 20, 20, NATIVE, 2, 1, true),
-    line("two", 2, 1088, 30, 20, NATIVE, 2, 0, false),
-    line("one", 1, 512, 10, 20, NATIVE, 2, 0, false),
-    line("frame", 4, 2_100_032, 3, 120, NATIVE, 2, 0, true),
+    line("small", 16, 64, 40, 20, NATIVE, 2, 2, 1, true),
+    line("page", 8, 4096, 20, 20, NATIVE, 2, 1, 0, true),
+    line("two", 2, 1088, 30, 20, NATIVE, 2, 0, 2, false),
+    line("one", 1, 512, 10, 20, NATIVE, 2, 0, 0, false),
+    line("frame", 4, 2_100_032, 3, 120, NATIVE, 2, 0, 2, true),
     line(
         "restless",
         4,
@@ -69,10 +73,11 @@ pub const LINES: [Line; 8] = [
         Source::Native(Manner::Restless),
         2,
         1,
+        1,
         true,
     ),
-    line("beam", 16, 4096, 20, 20, Source::Node(0), 2, 0, true),
-    line("dirty", 4, 300_032, 4, 60, Source::Node(1), 2, 0, true),
+    line("beam", 16, 4096, 20, 20, Source::Node(0), 2, 0, 0, true),
+    line("dirty", 4, 300_032, 4, 60, Source::Node(1), 2, 0, 0, true),
 ];
 
 #[expect(clippy::too_many_arguments, reason = "a row of the table above")]
@@ -85,6 +90,7 @@ const fn line(
     source: Source,
     readers: usize,
     restless_readers: usize,
+    leasing_readers: usize,
     nodes_read: bool,
 ) -> Line {
     Line {
@@ -96,6 +102,7 @@ const fn line(
         source,
         readers,
         restless_readers,
+        leasing_readers,
         nodes_read,
     }
 }
@@ -128,6 +135,7 @@ impl Role {
             }
             roles.extend((0..line.readers).map(|_| Role::Reader(topic, Manner::Steady)));
             roles.extend((0..line.restless_readers).map(|_| Role::Reader(topic, Manner::Restless)));
+            roles.extend((0..line.leasing_readers).map(|_| Role::Reader(topic, Manner::Leasing)));
         }
         if with_nodes {
             roles.extend((0..NODES).map(Role::Node));
@@ -148,7 +156,7 @@ impl Role {
     pub fn reads(self, topic: usize) -> bool {
         match self {
             Role::Publisher(_) => false,
-            Role::Reader(own, manner) => own == topic && manner == Manner::Steady,
+            Role::Reader(own, manner) => own == topic && manner != Manner::Restless,
             Role::Node(_) => LINES[topic].nodes_read,
         }
     }

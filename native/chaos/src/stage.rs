@@ -133,8 +133,10 @@ impl Stage {
         let mut command = Command::new(std::env::current_exe()?);
         command.arg("subscribe").args(self.names(topic));
         command.arg("--log").arg(log);
-        if manner == Manner::Restless {
-            command.arg("--restless");
+        match manner {
+            Manner::Steady => {}
+            Manner::Restless => _ = command.arg("--restless"),
+            Manner::Leasing => _ = command.arg("--leasing"),
         }
         Ok(command)
     }

@@ -13,7 +13,7 @@
 //! | the release fence in `Writer::begin` | `a_torn_message_is_never_accepted` |
 //! | the lap bound of `Reader::is_overwritten` by one, native | `a_torn_message_is_never_accepted` |
 //! | the lap bound of `Reader::is_overwritten` by one, legacy | `a_torn_message_of_a_legacy_publisher_is_never_accepted` |
-//! | the SeqCst fence in `notify` | `a_sleeper_is_always_woken` |
+//! | the SeqCst fence in `sync::add_one_and_fence`, behind the bump of `notify` | `a_sleeper_is_always_woken` |
 //! | the order in `claim::clear`: mask bit before native bit | `a_legacy_successor_of_a_bit_is_woken` |
 //! | the second look under the lock in `claim::reclaim_leaked` | `reclaiming_spares_a_legacy_successor` |
 //! | `write_intent` announced too low by one | `a_torn_message_is_never_accepted` |

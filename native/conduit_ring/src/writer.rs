@@ -16,7 +16,7 @@ use crate::layout::{
 };
 use crate::memory::Memory;
 use crate::pins;
-use crate::sync::{Ordering, bump, fence};
+use crate::sync::{Ordering, add_one_and_fence, bump, fence};
 
 /// The one writer of a segment. Its `next` is private and authoritative; `write_idx` only tells it to others.
 pub(crate) struct Writer {
@@ -151,9 +151,7 @@ impl Writer {
 /// Tells readers that something changed; wakes them only if someone may be asleep.
 #[inline]
 pub(crate) fn notify(memory: &Memory) -> Wake {
-    // Release: meets the Acquire in wait::sleep.
-    memory.u32(FUTEX_WORD).fetch_add(1, Ordering::Release);
-    fence(Ordering::SeqCst);
+    add_one_and_fence(memory.u32(FUTEX_WORD));
     let claimed = memory.u32(SUBSCRIBER_MASK).load(Ordering::Relaxed);
     let native = memory.u32(NATIVE_MASK).load(Ordering::Relaxed);
     let waiting = memory.u32(WAITING_MASK).load(Ordering::Relaxed);

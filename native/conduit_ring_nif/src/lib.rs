@@ -6,6 +6,7 @@
 mod buffer;
 mod demand;
 mod exclusive;
+mod hot;
 mod lease;
 mod publisher;
 mod subscriber;

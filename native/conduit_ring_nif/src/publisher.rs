@@ -83,13 +83,7 @@ fn publisher_open<'a>(env: Env<'a>, topic: &str, options: OpenOptions) -> NifRes
     Ok(terms::ok(env, resource))
 }
 
-/// `:ok`, or the atom of what went otherwise; `:busy` asks for another try.
-#[rustler::nif]
-fn publish_binary(resource: ResourceArc<PublisherResource>, data: Binary) -> Atom {
-    publish(&resource, |publisher| publisher.publish(data.as_slice()))
-}
-
-/// As `publish_binary`, from a list of binaries.
+/// As `hot::publish_binary`, from a list of binaries.
 #[rustler::nif]
 fn publish_iovec(resource: ResourceArc<PublisherResource>, data: Vec<Binary>) -> Atom {
     publish_all(&resource, &data)
@@ -130,8 +124,9 @@ fn publish_all(resource: &PublisherResource, data: &[Binary]) -> Atom {
     publish(resource, |publisher| publisher.publish_slices(&slices))
 }
 
+/// `:ok`, or the atom of what went otherwise; `:busy` asks for another try.
 #[inline]
-fn publish(
+pub fn publish(
     resource: &PublisherResource,
     write: impl FnOnce(&mut Publisher) -> Result<u64, PublishError>,
 ) -> Atom {

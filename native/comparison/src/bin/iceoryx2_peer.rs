@@ -16,7 +16,7 @@ use iceoryx2::prelude::*;
 type Ipc = ipc::Service;
 
 /// Messages kept for a subscriber, as many as the ring has slots.
-const DEPTH: usize = 16;
+const DEPTH: usize = 256;
 
 fn main() {
     set_log_level(LogLevel::Error);

@@ -19,6 +19,8 @@ use conduit_ring::{
 };
 
 const SLOTS: usize = 4;
+/// Deep enough that a receiver which is not run for a quarter of a second loses nothing.
+const DEPTH: u32 = 256;
 
 fn main() {
     let (verb, arguments) = Arguments::of_process();
@@ -117,7 +119,7 @@ fn open(topic: &Topic, bytes: usize) -> Publisher {
 
 fn send(arguments: &Arguments) {
     let topic = Topic::new(&arguments.get::<String>("--topic")).expect("a topic");
-    let geometry = Geometry::default();
+    let geometry = Geometry::depth(DEPTH, 4000).expect("slots");
     let mut publisher = Publisher::open(
         &topic,
         &PublisherOptions {
