@@ -277,6 +277,7 @@ defmodule BB.RingTest do
       assert_receive {:bb_ring, ^ref, %Message{data: "whole"}}, 2000
       {_, 0} = System.cmd("truncate", ["--size=0", "/dev/shm/conduit_#{topic}"])
       assert_receive {:bb_ring, ^ref, :publisher_down}, 5000
+
       # The publisher, which maps the file, is left alone from here on: it goes with this process and touches nothing.
     end
 

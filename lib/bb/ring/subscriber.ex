@@ -74,7 +74,11 @@ defmodule BB.Ring.Subscriber do
     ref = make_ref()
 
     with {:ok, handle} <-
-           Native.subscriber_open(topic, ref, Map.new(Keyword.take(opts, [:start, :policy, :guard]))) do
+           Native.subscriber_open(
+             topic,
+             ref,
+             Map.new(Keyword.take(opts, [:start, :policy, :guard]))
+           ) do
       subscriber = %__MODULE__{handle: handle, ref: ref, topic: topic}
       _ = active(subscriber, opts[:active])
       {:ok, subscriber}
