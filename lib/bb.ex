@@ -5,11 +5,12 @@ defmodule BB do
   `use BB` makes a module a robot. It imports the DSL (`BB.Dsl`) and defines:
 
     * `robot/0` - the declaration as data, a `BB.Robot`
-    * `start_link/0,1` - starts the robot's processes (`BB.Supervisor`), registered under the module's name
+    * `start_link/0,1` - starts the robot's processes (`BB.Supervisor`), registered under the module's name; `params:` sets
+      parameters (`BB.Parameter`)
     * `child_spec/0,1` - for a place under a supervisor
 
-  A wrong option of a sensor fails the start with `{:error, %BB.Options.ValidationError{}}`, whose
-  `Exception.message/1` names the option and the sensor. Everything that the world does wrong (an absent device, a crash,
+  A wrong option of a component, or a wrong parameter, fails the start with `{:error, %BB.Options.ValidationError{}}`, whose
+  `Exception.message/1` names the option and its place. Everything that the world does wrong (an absent device, a crash,
   an unplugged wire) leaves the robot running; `BB.Sensor.health/1` tells about it.
 
   The functions of this module are the everyday face of `BB.PubSub` and of a robot's processes; `robot` is always the

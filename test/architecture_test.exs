@@ -20,21 +20,32 @@ defmodule ArchitectureTest do
     unit: {~w(BB.Unit.*), []},
     telemetry: {~w(BB.Telemetry), []},
     envelope: {~w(BB.Message BB.Message.Compiler.*), [:options]},
-    payload: {~w(BB.Message.*), [:envelope, :options, :math]},
+    payload:
+      {~w(BB.Message.* BB.StateMachine.Transition BB.Safety.HardwareError),
+       [:envelope, :options, :math]},
 
     # The bus moves messages and does not read them: no payload.
-    pub_sub: {~w(BB.PubSub.*), [:path, :envelope]},
+    pub_sub: {~w(BB.PubSub.*), [:path, :options, :envelope]},
+
+    # What can be tuned, and what is between a joint and a motor.
+    parameter: {~w(BB.Parameter.*), ~w(pub_sub envelope options unit)a},
+    transmission: {~w(BB.Transmission), ~w(parameter envelope payload options unit)a},
 
     # What runs and what keeps it running. The declaration is data: the robot, and its components as it declares them.
     process: {~w(BB.Process), []},
-    declaration: {~w(BB.Component BB.Robot.*), [:unit]},
+    safety: {~w(BB.Safety.*), ~w(path pub_sub envelope payload telemetry)a},
+    declaration: {~w(BB.Component BB.Robot.*), ~w(transmission parameter unit)a},
     component:
-      {~w(BB.Component.*), ~w(declaration process pub_sub envelope payload options telemetry)a},
+      {~w(BB.Component.*),
+       ~w(declaration transmission parameter process pub_sub safety envelope payload options telemetry)a},
+
+    # The kinds of components.
     sensor:
-      {~w(BB.Sensor BB.Sensor.Server BB.Sensor.SensorProfile),
-       ~w(declaration component pub_sub envelope payload options)a},
-    dsl: {~w(BB.Dsl.*), ~w(declaration sensor options unit)a},
-    supervisor: {~w(BB.Supervisor.*), ~w(declaration component process pub_sub options)a},
+      {~w(BB.Sensor BB.Sensor.Server BB.Sensor.SensorProfile BB.Sensor.Mimic BB.Actuator.* BB.Controller),
+       ~w(declaration component transmission parameter pub_sub envelope payload options)a},
+    dsl: {~w(BB.Dsl.*), ~w(declaration transmission parameter sensor options unit)a},
+    supervisor:
+      {~w(BB.Supervisor.*), ~w(declaration component parameter safety process pub_sub options)a},
     facade: {~w(BB), ~w(dsl supervisor process pub_sub)a},
 
     # Drivers, and the bus as they see it. What is simulated behind it they cannot name.
@@ -50,7 +61,7 @@ defmodule ArchitectureTest do
     # Composition.
     ganglion:
       {~w(Ganglion.*),
-       ~w(facade sensor driver handoff ring simulation path envelope payload math)a}
+       ~w(facade sensor driver handoff ring simulation safety path envelope payload math)a}
   ]
 
   # What comes from outside, by the start of its name, and which of our modules may name it.

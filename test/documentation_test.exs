@@ -69,19 +69,60 @@ defmodule DocumentationTest do
 
   test "the README's robot can be declared and started, and is heard as the README says" do
     assert [example] = Enum.filter(examples("README.md"), &(&1 =~ "defmodule"))
-    ast = example |> Code.string_to_quoted!(file: "README.md") |> Macro.prewalk(&rename/1)
+
+    ast =
+      example |> Code.string_to_quoted!(file: "README.md") |> Macro.prewalk(&rename(&1, Readme))
+
     start_supervised!({BB.Bus.Sim, buses: %{"i2c-1" => [devices: %{0x68 => mpu6050()}]}})
 
     # Who has subscribed is linked to the bus.
     Process.flag(:trap_exit, true)
     assert {%BB.Math.Vec3{}, _binding} = Code.eval_quoted(ast)
-    Supervisor.stop(Module.concat(__MODULE__, MyRobot))
+    Supervisor.stop(Module.concat([__MODULE__, Readme, MyRobot]))
+  end
+
+  test "the examples of the guide to parameters run one after the other" do
+    File.rm(Path.join(System.tmp_dir!(), "my_robot_params"))
+    Process.flag(:trap_exit, true)
+    binding = run("docs/guides/parameters.md")
+    File.rm(Path.join(System.tmp_dir!(), "my_robot_params"))
+    Supervisor.stop(binding[:buses])
+  end
+
+  test "the examples of the guide to safety run one after the other" do
+    Process.flag(:trap_exit, true)
+    assert [_ | _] = run("docs/guides/safety.md")
+  end
+
+  test "the examples of the guide to health run one after the other" do
+    Process.flag(:trap_exit, true)
+    binding = run("docs/guides/health.md")
+    Supervisor.stop(binding[:root])
+    Supervisor.stop(binding[:buses])
+  end
+
+  defp guide(document), do: Module.concat([Macro.camelize(Path.basename(document, ".md"))])
+
+  # Each may name what those before it have bound.
+  defp run(document) do
+    Enum.reduce(examples(document), [], fn example, binding ->
+      ast =
+        example
+        |> Code.string_to_quoted!(file: document)
+        |> Macro.prewalk(&rename(&1, guide(document)))
+
+      {_result, binding} = Code.eval_quoted(ast, binding)
+      binding
+    end)
   end
 
   defp mpu6050, do: {BB.Bus.Sim.Mpu6050, source: :motion}
 
-  defp rename({:__aliases__, meta, [:MyRobot]}), do: {:__aliases__, meta, [__MODULE__, :MyRobot]}
-  defp rename(node), do: node
+  # Robots of different documents have the same name there.
+  defp rename({:__aliases__, meta, [:MyRobot | rest]}, document),
+    do: {:__aliases__, meta, [__MODULE__, document, :MyRobot | rest]}
+
+  defp rename(node, _document), do: node
 
   # Modules of the application: `{module, moduledoc, docs}`, where a moduledoc is a map of texts, :none or :hidden.
 

@@ -1,15 +1,17 @@
 defmodule BB.Component do
   @moduledoc """
-  A component of a robot, as declared: a sensor; in time an actuator or a controller too.
+  A component of a robot, as declared: a sensor, an actuator or a controller.
 
   All kinds of components run in one server (`BB.Component.Server`) under one keeper (`BB.Component.Keeper`). What differs
-  between kinds is told by the kind's behaviour module, `BB.Sensor` for sensors, through the callbacks of this behaviour.
+  between kinds is told by the kind's behaviour module, `BB.Sensor` for sensors, through the callbacks of this behaviour;
+  `BB.Component.Kind` makes such modules.
 
     * `:name` - unique among all components of the robot
     * `:kind` - the behaviour that its module implements
     * `:module`, `:options` - the callback module and its options as declared
     * `:path` - where it is: `[name]` on the robot itself, `[link…, name]` on a link, `[link…, joint, name]` on a joint
     * `:attached_to` - `nil` (the robot), `{:link, name}` or `{:joint, name}`
+    * `:transmission` - what is between it and its joint (`BB.Transmission`), `nil` when nothing is
     * `:required` - whether the robot is of no use without it
     * `:retain` - whether its last message is worth keeping for those who subscribe late
     * `:max_silence_ns` - the longest time between two of its messages, `nil` when it may be silent
@@ -23,6 +25,7 @@ defmodule BB.Component do
     :options,
     :path,
     :attached_to,
+    :transmission,
     :max_silence_ns,
     required: false,
     retain: false
@@ -37,6 +40,7 @@ defmodule BB.Component do
           options: keyword(),
           path: [atom(), ...],
           attached_to: attachment(),
+          transmission: BB.Transmission.declared() | nil,
           max_silence_ns: pos_integer() | nil,
           required: boolean(),
           retain: boolean()
@@ -45,8 +49,11 @@ defmodule BB.Component do
   @doc "The kind's word, also the head of the paths on which its components publish: `:sensor`."
   @callback component_kind() :: atom()
 
-  @doc "Options that components of this kind get beside their own and `:bb`: `[sensor_profile: …]`."
-  @callback component_options(robot :: module(), name :: atom()) :: keyword()
+  @doc """
+  Options that components of this kind get beside their own and `:bb`, made from the joint's name and the transmission, each
+  `nil` where there is none: `[sensor_profile: …]`.
+  """
+  @callback component_options(joint_name :: atom() | nil, BB.Transmission.t() | nil) :: keyword()
 
   @doc "Whether a module that is loaded declares a behaviour."
   @spec implements?(module(), module()) :: boolean()

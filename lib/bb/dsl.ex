@@ -9,18 +9,36 @@ defmodule BB.Dsl do
           name :my_robot
         end
 
+        parameters do
+          param :debug, type: :boolean, default: false
+
+          group :imu do
+            param :rate, type: {:unit, :hertz}, default: ~u(100 hertz), max: ~u(1 kilohertz)
+          end
+        end
+
         sensors do
           sensor :battery, {BB.Sensor.Ina219, bus: "i2c-1", address: 0x40}
         end
 
+        controllers do
+          controller :balance, {MyRobot.Balance, verbose: param([:debug])}
+        end
+
         topology do
           link :base_link do
-            sensor :imu, {BB.Sensor.Mpu6050, bus: "i2c-1"}, max_silence: ~u(100 millisecond)
+            sensor :imu, {BB.Sensor.Mpu6050, bus: "i2c-1", rate: param([:imu, :rate])},
+              max_silence: ~u(100 millisecond)
 
             joint :shoulder do
               type :revolute
               origin z: ~u(0.1 meter)
               limit lower: ~u(-90 degree), upper: ~u(90 degree), effort: ~u(10 newton_meter)
+
+              actuator :servo, {MyRobot.Servo, channel: 0} do
+                transmission reduction: 3.0
+              end
+
               link :arm
             end
           end
@@ -28,8 +46,8 @@ defmodule BB.Dsl do
       end
 
   Every entity works with and without parentheses, as a block or as keywords. The sections are described in
-  `BB.Dsl.Robot`, what stands in them in `BB.Dsl.Component`, `BB.Dsl.Topology`, `BB.Dsl.Link` and `BB.Dsl.Joint`. A mistake
-  raises `BB.Dsl.Error` while the module compiles.
+  `BB.Dsl.Robot`, what stands in them in `BB.Dsl.Component`, `BB.Dsl.Topology`, `BB.Dsl.Link`, `BB.Dsl.Joint` and
+  `BB.Dsl.Parameters`. A mistake raises `BB.Dsl.Error` while the module compiles.
 
   For `mix format` to leave the words without parentheses, put `import_deps: [:ganglion]` into `.formatter.exs`.
   """

@@ -26,19 +26,65 @@ defmodule BB.PubSub do
       publishers there is no order.
     * Within one publication the path itself comes first, then its ancestors, nearest first. A process that subscribed twice,
       or at two levels, receives twice.
-    * A subscriber that dies is forgotten; `subscribers/2` does not list it from then on.
+    * A subscriber that dies is forgotten; `subscribers/2` does not list it from then on. Subscribers are not linked to the bus:
+      nobody's end is another's.
+    * Subscriptions last as long as the robot. They survive the death of every process of the bus; somebody who subscribes in
+      that moment waits until it is over.
 
-  It does not promise that a message arrives where nobody listens: a subscriber that comes late has missed what was published
-  before. A subscriber that never reads its mailbox fills it.
+  It does not promise that a message arrives where nobody listens, except on retained paths. A subscriber that never reads
+  its mailbox fills it, unless it asked for `max_queue`.
 
   The bus of a robot lives as long as the robot: functions raise `ArgumentError` when it is not started.
+
+  ## What a subscriber may ask for
+
+      # A display wants ten a second, of what is going on now, however slow it is.
+      BB.PubSub.subscribe(MyRobot, [:sensor], max_rate: 10, max_queue: 100)
+
+      # Somebody who comes late wants to know the parameters as they are.
+      BB.PubSub.subscribe(MyRobot, [:param], replay: true)
+
+  The options of `subscribe/3` combine freely, and cost those alone who ask for them:
+
+    * A subscriber with `max_queue` that was skipped gets `{:bb_missed, path, count}` before the next message that it is sent:
+      since the last one, `count` messages for its subscription at `path` went by. `missed/1` tells the sum at any time. A
+      GenServer with this option has a clause for that in `handle_info/2`. The limit is approximate: a publisher that
+      found room sends up to an eighth of it without looking again.
+    * `unique` is about the process: it gets one copy of a message that reaches its unique subscription, by the first of its
+      subscriptions, from the path upwards, that takes it.
+    * `replay` sends the last message of each retained path at once, in the mailbox when `subscribe/3` returns, then everything
+      newer once and in order. The other options hold for what is replayed too: type, rate, mailbox.
+
+  ## Retained paths
+
+  The last message of each path at and below `[:param]`, `[:state_machine]` and `[:sensor_status]` is kept, as it is of sensors
+  declared with `retain: true` and of what is given to `retain/2`. `last/2` reads it. One message is kept for each path,
+  whatever its type.
+
+  ## What it costs
+
+  Publishing to nobody takes about as long as three or four function calls; otherwise it is little more than a `send/2` for each
+  subscriber, and subscribers elsewhere or for other types cost nothing (docs/performance.md). Subscribing is dearer: all
+  publishers get new routes, which takes the longer the more sources there are. Subscribe at the start, not for each message.
+  The first messages of a path, and all on paths with references, take some microseconds.
   """
 
-  alias BB.{Message, Path}
+  require BB.PubSub.Traffic
+
+  alias BB.{Message, Options, Path}
+  alias BB.PubSub.{Bus, Delivery, Gate, Registrar, Retention, Routes, Subscription, Traffic}
 
   @type message_types :: [module()]
-  @type subscribe_option :: {:message_types, message_types()}
+  @type subscribe_option ::
+          {:message_types, message_types()}
+          | {:max_rate, number()}
+          | {:replay, boolean()}
+          | {:exact, boolean()}
+          | {:unique, boolean()}
+          | {:max_queue, non_neg_integer()}
   @type publish_option :: {:except, [pid()]}
+
+  @publish_schema Options.new!(except: [type: {:list, :pid}, default: []])
 
   @doc """
   The name of a robot's bus.
@@ -51,36 +97,42 @@ defmodule BB.PubSub do
 
   @doc "A child specification: `{BB.PubSub, MyRobot}` among a supervisor's children."
   @spec child_spec(module()) :: Supervisor.child_spec()
-  def child_spec(robot) do
-    %{id: {__MODULE__, robot}, start: {__MODULE__, :start_link, [robot]}, type: :supervisor}
-  end
+  def child_spec(robot),
+    do: %{id: {__MODULE__, robot}, start: {__MODULE__, :start_link, [robot]}}
 
-  @doc "Starts a robot's bus."
+  @doc """
+  Starts a robot's bus.
+
+  What it knows belongs to the calling process, a supervisor: when the bus is killed and that supervisor starts it again, all
+  subscriptions are there.
+  """
   @spec start_link(module()) :: {:ok, pid()} | {:error, term()}
   def start_link(robot) when is_atom(robot),
-    do: Registry.start_link(keys: :duplicate, name: registry_name(robot))
+    do: Registrar.start_link(robot, registry_name(robot))
 
   @doc """
   Subscribes the calling process to a path and everything below it.
 
   Options:
 
-    * `:message_types` - payload modules; only messages with one of these payloads are delivered. `[]`, the default, is all
-
-  Each call makes one subscription more. Returns `{:ok, pid}`, the pid of the bus.
+  #{Options.docs(Subscription.schema())}
+  Each call makes one subscription more. Returns `{:ok, pid}`, the pid of the bus: what is published from now on arrives.
   """
   @spec subscribe(module(), Path.t(), [subscribe_option()]) :: {:ok, pid()} | {:error, term()}
   def subscribe(robot, path, opts \\ []) do
-    types = option!(opts, :message_types, "subscribe", "a list of payload modules", &is_atom/1)
-    Registry.register(started!(robot), Path.validate!(path), types)
+    bus = Bus.fetch!(robot)
+    subscription = Subscription.new(path, opts)
+    result = Registrar.subscribe(bus, subscription)
+    Retention.replay(bus, subscription)
+    result
   end
 
   @doc "Removes all subscriptions that the calling process has at exactly this path; `:ok` also when there are none."
   @spec unsubscribe(module(), Path.t()) :: :ok
   def unsubscribe(robot, path) do
-    case started(robot) do
-      {:ok, registry} -> Registry.unregister(registry, Path.validate!(path))
-      :error -> :ok
+    case {Path.validate!(path), Bus.fetch(robot)} do
+      {path, {:ok, bus}} -> Registrar.unsubscribe(bus, self(), path)
+      {_path, :error} -> :ok
     end
   end
 
@@ -94,64 +146,145 @@ defmodule BB.PubSub do
   @spec publish(module(), Path.t(), Message.t(), [publish_option()]) :: :ok
   def publish(robot, path, message, opts \\ [])
 
-  def publish(robot, path, %Message{} = message, opts) do
-    registry = started!(robot)
-    except = option!(opts, :except, "publish", "a list of pids", &is_pid/1)
-    delivery = {:bb, Path.validate!(path), %{message | robot: robot}}
-    Enum.each(ancestor_paths(path), &deliver(registry, &1, delivery, except))
+  def publish(
+        robot,
+        path,
+        %Message{payload: %{__struct__: type}, monotonic_time: time} = message,
+        []
+      )
+      when is_integer(time) do
+    with {__MODULE__, routes, _bus} <- :persistent_term.get(robot, nil),
+         {_, _, meter, targets, _, nil} <- Routes.find(routes, path, type) do
+      Traffic.tick(meter, time)
+      send_all(targets, path, message, robot)
+    else
+      _ -> publish_otherwise(robot, path, type, message, [])
+    end
+  end
+
+  def publish(robot, path, %Message{payload: %{__struct__: type}} = message, opts),
+    do: publish_otherwise(robot, path, type, message, except!(opts))
+
+  def publish(_robot, _path, %Message{payload: payload}, _opts) do
+    raise ArgumentError, "the payload of what is published is a struct, got: #{inspect(payload)}"
   end
 
   def publish(_robot, _path, message, _opts) do
     raise ArgumentError, "what is published is a %BB.Message{}, got: #{inspect(message)}"
   end
 
-  @doc "The subscriptions at exactly this path, `{pid, message_types}` each."
-  @spec subscribers(module(), Path.t()) :: [{pid(), message_types()}]
-  def subscribers(robot, path) do
-    for {pid, _} = subscription <- Registry.lookup(started!(robot), Path.validate!(path)),
-        Process.alive?(pid),
-        do: subscription
-  end
+  defp send_all([], _path, _message, _robot), do: :ok
 
-  @doc false
-  def ancestor_paths(path), do: [path | Path.ancestors(path)]
+  defp send_all(targets, path, message, robot),
+    do: Delivery.deliver(targets, {:bb, path, %{message | robot: robot}}, nil)
 
-  defp deliver(registry, path, {:bb, _, message} = delivery, except) do
-    type = message.payload.__struct__
+  # With an option, on a retained path, or where there is no route yet.
+  defp publish_otherwise(robot, path, type, message, except) do
+    bus = Bus.fetch!(robot)
+    message = %{message | robot: robot}
 
-    for {pid, types} <- Registry.lookup(registry, path),
-        types == [] or type in types,
-        pid not in except,
-        do: send(pid, delivery)
-  end
-
-  defp started!(robot) do
-    case started(robot) do
-      {:ok, registry} ->
-        registry
-
-      :error ->
-        raise ArgumentError,
-              "the robot #{inspect(robot)} is not started: start it under a supervisor or with #{inspect(robot)}.start_link() first"
+    case route(robot, Path.validate!(path), type) do
+      nil -> Delivery.unrouted(bus, path, type, message, except)
+      route -> publish_routed(bus, route, path, type, message, except)
     end
   end
 
-  defp started(robot) when is_atom(robot) do
-    registry = registry_name(robot)
-    if Process.whereis(registry), do: {:ok, registry}, else: :error
+  defp publish_routed(bus, {_, _, meter, targets, metered, nil}, path, _type, message, except) do
+    Traffic.count(meter, message.monotonic_time)
+    Delivery.deliver_except(bus, {targets, metered}, except, {:bb, path, message}, nil)
   end
 
-  defp started(robot), do: raise(ArgumentError, "a robot is a module, got: #{inspect(robot)}")
+  # Whoever has subscribed by the time that the message is kept gets it from here, whoever comes later by a replay.
+  defp publish_routed(bus, {_, _, meter, _, _, sequence}, path, type, message, except) do
+    Traffic.count(meter, message.monotonic_time)
+    number = Retention.keep(bus, path, message, sequence)
 
-  # The value of the one option that a function takes, a list of something; [] when it is not given.
-  defp option!([], _key, _function, _what, _valid?), do: []
+    case route(bus.robot, path, type) do
+      {_, _, _, targets, metered, _} ->
+        Delivery.deliver_except(bus, {targets, metered}, except, {:bb, path, message}, number)
 
-  defp option!([{key, list}], key, function, what, valid?) do
-    if is_list(list) and Enum.all?(list, valid?),
-      do: list,
-      else: raise(ArgumentError, "#{key}: of #{function} is #{what}, got: #{inspect(list)}")
+      nil ->
+        :ok
+    end
   end
 
-  defp option!(opts, key, function, _what, _valid?),
-    do: raise(ArgumentError, "#{function} takes the option :#{key}, got: #{inspect(opts)}")
+  defp route(robot, path, type) do
+    case :persistent_term.get(robot, nil) do
+      {__MODULE__, routes, _bus} -> Routes.find(routes, path, type)
+      _ -> nil
+    end
+  end
+
+  defp except!(except: []), do: []
+
+  defp except!(opts) do
+    case Options.validate(opts, @publish_schema) do
+      {:ok, opts} -> opts[:except]
+      {:error, error} -> raise ArgumentError, Exception.message(error)
+    end
+  end
+
+  @doc "The subscriptions at exactly this path, `{pid, message_types}` each."
+  @spec subscribers(module(), Path.t()) :: [{pid(), message_types()}]
+  def subscribers(robot, path) do
+    for %{pid: pid} = subscription <- Bus.subscriptions(Bus.fetch!(robot), Path.validate!(path)),
+        Process.alive?(pid),
+        do: {pid, subscription.message_types}
+  end
+
+  @doc """
+  Keeps the last message of each source at and below `prefix` from now on, for `last/2` and `replay: true`.
+
+  `[:param]`, `[:state_machine]` and `[:sensor_status]` are always kept, and so are the messages of sensors that are declared
+  with `retain: true`.
+  """
+  @spec retain(module(), Path.t()) :: :ok
+  def retain(robot, prefix), do: Registrar.retain(Bus.fetch!(robot), Path.validate!(prefix))
+
+  @doc "The last message that was published at exactly this path, if it is a retained one; otherwise `nil`."
+  @spec last(module(), Path.t()) :: Message.t() | nil
+  def last(robot, path), do: Retention.last(Bus.fetch!(robot), Path.validate!(path))
+
+  @doc """
+  How many messages the calling process did not get because of `max_queue`, since it subscribed.
+  """
+  @spec missed(module()) :: non_neg_integer()
+  def missed(robot) do
+    me = self()
+    subscriptions = Bus.subscriptions(Bus.fetch!(robot))
+    Enum.sum(for %{pid: ^me, gate: gate} <- subscriptions, do: Gate.missed(gate))
+  end
+
+  @doc """
+  Every source seen: each path with each payload type that was published there, sorted by path.
+
+    * `path`, `type`
+    * `count` - how many messages
+    * `rate_hz` - messages a second, over the last sixteen; it falls when the next one is overdue
+    * `age_ns` - how old the last message is
+
+  Rate and age go by the messages' own `monotonic_time`, when they were measured. Of paths with references, which come and go,
+  the last thousand are remembered.
+  """
+  @spec topics(module()) :: [Traffic.topic()]
+  def topics(robot),
+    do: Traffic.topics(Bus.fetch!(robot), :erlang.monotonic_time(:nanosecond))
+
+  @doc """
+  Every subscription, and what became of the messages that its path heard of since:
+
+    * `pid`, `path`, `message_types`
+    * `delivered`
+    * `dropped` - by `max_rate` or `max_queue`
+    * `filtered` - of another type, replayed before, or the further copies that `unique` spares
+
+  What the publisher's `except` withheld is none of these. Nobody counts deliveries while messages are published: the figures
+  are worked out here, from the sources' counts. One that is published in the very moment of subscribing may be counted on
+  the wrong side.
+  """
+  @spec stats(module()) :: [Traffic.row()]
+  def stats(robot), do: Traffic.stats(Bus.fetch!(robot))
+
+  @doc false
+  def ancestor_paths(path), do: [path | Path.ancestors(path)]
 end

@@ -6,10 +6,16 @@ defmodule BB.Robot do
     * `:settings` - what stands in `settings`: `%{name: :my_robot}`
     * `:root_link` - the name of the root link, `nil` without a topology
     * `:links`, `:joints` - by name: `BB.Robot.Link`, `BB.Robot.Joint`
-    * `:sensors` - by name: `%{name: name, attached_to: nil | {:link, name} | {:joint, name}, transmission: nil}`
-    * `:actuators` - by name, as sensors
+    * `:sensors` - by name: `%{name: name, attached_to: nil | {:link, name} | {:joint, name}, transmission: t}`; t is
+      a `BB.Transmission` or `nil`
+    * `:actuators`, `:controllers` - by name, as sensors
+    * `:parameters` - their definitions in the order of the declaration: `BB.Parameter.Definition`
     * `:components` - all components in the order of their declaration, what the supervisors start: `BB.Component`
-    * `:param_subscriptions` - which fields follow which parameters
+    * `:param_subscriptions` - which fields follow which parameters: for each path of a parameter the places, as
+      `[:sensors, :imu, :rate]` for an option, `[:sensors, :encoder, :transmission, :offset]`,
+      `[:joints, :shoulder, :limit, :upper]`
+
+  A field that follows a parameter has a `BB.Parameter.Reference` here; `BB.Parameter.resolve/2` gives the values of now.
   """
 
   alias BB.Component
@@ -24,11 +30,17 @@ defmodule BB.Robot do
     joints: %{},
     sensors: %{},
     actuators: %{},
+    controllers: %{},
+    parameters: [],
     components: [],
     param_subscriptions: %{}
   ]
 
-  @type attached :: %{name: atom(), attached_to: Component.attachment(), transmission: nil}
+  @type attached :: %{
+          name: atom(),
+          attached_to: Component.attachment(),
+          transmission: BB.Transmission.declared() | nil
+        }
 
   @type t :: %__MODULE__{
           name: module(),
@@ -38,8 +50,10 @@ defmodule BB.Robot do
           joints: %{atom() => Joint.t()},
           sensors: %{atom() => attached()},
           actuators: %{atom() => attached()},
+          controllers: %{atom() => attached()},
+          parameters: [BB.Parameter.Definition.t()],
           components: [Component.t()],
-          param_subscriptions: map()
+          param_subscriptions: %{BB.Parameter.path() => [[atom()]]}
         }
 
   @doc "The link of that name: `{:ok, link}` or `:error`."

@@ -34,6 +34,11 @@ defmodule BB.Sensor do
     * `opts[:bb]` - `%{robot: robot_module, path: path}`, the path as `[:base_link, :imu]`
     * `opts[:sensor_profile]` - `BB.Sensor.SensorProfile`
 
+  An option may follow a parameter (`BB.Parameter`): `rate: param([:imu, :rate])` in the robot. The driver gets the parameter's value, and
+  when that changes `handle_options/2` gets all options anew, once for each change: once too when `BB.Parameter.set_many/2` has changed
+  several of them. A value that the schema refuses stops the sensor, which is down until the parameter is right. In the
+  same way `opts[:sensor_profile].transmission` follows its parameters.
+
   ## When things go wrong
 
   A device that does not answer is no reason to crash: return `{:stop, reason}` from `init/1`, or `{:stop, reason, state}` from
@@ -48,79 +53,17 @@ defmodule BB.Sensor do
   robot's declaration the sensor is then `:stale`.
   """
 
-  @behaviour BB.Component
+  use BB.Component.Kind, word: :sensor
 
-  alias BB.{Message, PubSub}
-  alias BB.Component.{Callbacks, Health, Reason}
+  alias BB.{Message, Parameter, PubSub, Transmission}
+  alias BB.Component.{Health, Reason}
   alias BB.Message.Sensor.JointState
   alias BB.Sensor.SensorProfile
 
-  @type bb :: %{robot: module(), path: [atom(), ...]}
-  @type next :: timeout() | :hibernate | {:continue, term()}
-
-  @doc "The schema of the driver's options."
-  @callback options_schema() :: BB.Options.schema() | BB.Options.t()
-
-  @doc """
-  Opens the device. `{:stop, reason}` says that it is absent, and is asked again; `:ignore` turns the sensor off for good.
-  """
-  @callback init(opts :: keyword()) ::
-              {:ok, state :: term()}
-              | {:ok, state :: term(), next()}
-              | {:stop, reason :: term()}
-              | :ignore
-
-  @doc """
-  Makes the hardware safe. Gets the options of `init/1` and must work without the process, which may be dead.
-  """
-  @callback disarm(opts :: keyword()) :: :ok | {:error, term()}
-
-  @doc "Takes on new options, checked as those of `init/1`. By default they change nothing."
-  @callback handle_options(new_opts :: keyword(), state :: term()) ::
-              {:ok, state :: term()} | {:stop, reason :: term()}
-
-  @doc "As in `GenServer`. By default the reply is `{:error, :not_implemented}`."
-  @callback handle_call(request :: term(), GenServer.from(), state :: term()) ::
-              {:reply, reply :: term(), new_state :: term()}
-              | {:reply, reply :: term(), new_state :: term(), next()}
-              | {:noreply, new_state :: term()}
-              | {:noreply, new_state :: term(), next()}
-              | {:stop, reason :: term(), reply :: term(), new_state :: term()}
-              | {:stop, reason :: term(), new_state :: term()}
-
-  @doc "As in `GenServer`. By default the request is ignored."
-  @callback handle_cast(request :: term(), state :: term()) :: noreply()
-
-  @doc "As in `GenServer`. By default the message is ignored."
-  @callback handle_info(message :: term(), state :: term()) :: noreply()
-
-  @doc "As in `GenServer`. By default nothing is done."
-  @callback handle_continue(argument :: term(), state :: term()) :: noreply()
-
-  @doc "As in `GenServer`; also runs when the robot is stopped."
-  @callback terminate(reason :: term(), state :: term()) :: term()
-
-  @doc """
-  A reason of this driver's in a sentence that says what to look at: "no answer at 0x68 on i2c-1: check wiring and power". Reasons that it
-  has no clause for are shown as terms.
-  """
-  @callback explain(reason :: term()) :: String.t()
-
-  @optional_callbacks disarm: 1, explain: 1
-
-  @type noreply ::
-          {:noreply, new_state :: term()}
-          | {:noreply, new_state :: term(), next()}
-          | {:stop, reason :: term(), new_state :: term()}
-
   @doc false
-  defmacro __using__(opts), do: Callbacks.code(__MODULE__, opts)
-
   @impl BB.Component
-  def component_kind, do: :sensor
-
-  @impl BB.Component
-  def component_options(robot, name), do: [sensor_profile: profile(robot, name)]
+  def component_options(joint_name, transmission),
+    do: [sensor_profile: %SensorProfile{joint_name: joint_name, transmission: transmission}]
 
   @doc """
   How each of the robot's sensors fares, in the order of their declaration: a list of `t:BB.Component.Health.row/0`.
@@ -148,31 +91,45 @@ defmodule BB.Sensor do
     do: PubSub.publish(robot, [:sensor | path], message)
 
   @doc """
+  A sensor's message in the space of its joint: through the sensor's transmission, whose fields may follow parameters. The
+  same message where there is no transmission.
+
+  `sensor_path` is that of `opts[:bb]`.
+  """
+  @spec to_joint_space(module(), [atom(), ...], Message.t()) :: Message.t()
+  def to_joint_space(robot, sensor_path, %Message{} = message) do
+    declared = attached(robot, List.last(sensor_path)).transmission
+
+    case Transmission.resolve(declared, &Parameter.get!(robot, &1)) do
+      {:ok, transmission} -> Transmission.unapply_to_payload(message, transmission)
+      {:error, error} -> raise error
+    end
+  end
+
+  @doc """
   Publishes a `BB.Message.Sensor.JointState` on `[:sensor | path]`.
 
   `opts` are its fields; `names` is `[frame_id]` when not given. The frame_id is the joint's name where the sensor is attached
-  to a joint, else the sensor's. Fields that are wrong raise `BB.Options.ValidationError`.
+  to a joint, else the sensor's. Values are those that the sensor sees; they are published in the space of the joint
+  (`to_joint_space/3`). Fields that are wrong raise `BB.Options.ValidationError`.
   """
   @spec publish_joint_state(module(), [atom(), ...], keyword()) :: :ok
   def publish_joint_state(robot, path, opts) do
     name = List.last(path)
-    frame_id = profile(robot, name).joint_name || name
+
+    frame_id =
+      with {:joint, joint} <- attached(robot, name).attached_to, do: joint, else: (_ -> name)
+
     message = Message.new!(JointState, frame_id, Keyword.put_new(opts, :names, [frame_id]))
-    publish(%{robot: robot, path: path}, message)
+    publish(%{robot: robot, path: path}, to_joint_space(robot, path, message))
   end
 
-  defp profile(robot, name) do
-    case sensor(robot, name) do
-      %{attached_to: {:joint, joint}, transmission: transmission} ->
-        %SensorProfile{joint_name: joint, transmission: transmission}
+  @nowhere %{attached_to: nil, transmission: nil}
 
-      _ ->
-        %SensorProfile{}
-    end
-  end
-
-  defp sensor(robot, name) do
+  # A driver's test need not have a robot.
+  defp attached(robot, name) do
     if Code.ensure_loaded?(robot) and function_exported?(robot, :robot, 0),
-      do: robot.robot().sensors[name]
+      do: Map.get(robot.robot().sensors, name, @nowhere),
+      else: @nowhere
   end
 end

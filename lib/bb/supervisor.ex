@@ -5,6 +5,8 @@ defmodule BB.Supervisor do
       MyRobot                          one_for_one
       ├── MyRobot.Registry             names of components
       ├── MyRobot.PubSub               the bus
+      ├── runtime                      BB.Parameter.Supervisor, the robot's parameters
+      ├── BB.Safety.Latch              holds the end until the robot is disarmed
       └── topology                     BB.Supervisor.Part
           ├── :battery                 BB.Component.Keeper ── BB.Component.Server
           └── link :base_link          BB.Supervisor.Part
@@ -17,9 +19,19 @@ defmodule BB.Supervisor do
 
   use Supervisor
 
-  alias BB.Component.Options
+  alias BB.Component.Resolution
   alias BB.Options.ValidationError
-  alias BB.Supervisor.Successor
+  alias BB.Parameter.Startup
+  alias BB.Supervisor.{Part, Successor}
+
+  @options BB.Options.new!(
+             params: [
+               type: :keyword_list,
+               default: [],
+               doc:
+                 "Values of parameters, nested as they are: `[imu: [rate: ~u(50 hertz)]]`. They go before persisted values and defaults."
+             ]
+           )
 
   @doc """
   Starts a robot.
@@ -30,13 +42,20 @@ defmodule BB.Supervisor do
 
       unknown options [:buss], valid options are: [:bus, :rate] (in options [:base_link, :imu])
 
-  `opts` are the robot's options; there are none yet.
+  The same holds for a value of a parameter in `params:`.
+
+  #{BB.Options.docs(@options)}
   """
   @spec start_link(module(), keyword()) :: Supervisor.on_start() | {:error, ValidationError.t()}
   def start_link(robot, opts \\ []) do
-    with {:ok, _opts} <- BB.Options.validate(opts, []),
-         :ok <- check(robot.robot().components),
-         do: Supervisor.start_link(__MODULE__, robot, name: robot)
+    declared = robot.robot()
+
+    with {:ok, opts} <- BB.Options.validate(opts, @options),
+         {:ok, given} <- Startup.given(declared.parameters, opts[:params]),
+         :ok <- check(declared.components, robot, values(declared.parameters, given)) do
+      supervisor = BB.Process.supervisor_module(robot)
+      supervisor.start_link(__MODULE__, {robot, given}, name: robot)
+    end
   end
 
   @doc """
@@ -55,20 +74,33 @@ defmodule BB.Supervisor do
   def format_error(reason), do: Exception.format_exit(reason)
 
   @impl Supervisor
-  def init(robot) do
+  def init({robot, given}) do
+    BB.Safety.Warden.watch(robot, :root)
+
     children = [
-      Successor.child_spec({Registry, keys: :unique, name: BB.Process.registry_name(robot)}),
+      Successor.child_spec(BB.Process.registry_spec(robot)),
       Successor.child_spec({BB.PubSub, robot}),
-      {BB.Supervisor.Part, {robot, nil}}
+      Successor.child_spec({BB.Parameter.Supervisor, {robot, given}}),
+      {BB.Safety.Latch, robot},
+      {Part, {robot, nil}}
     ]
 
     Supervisor.init(children, strategy: :one_for_one)
   end
 
-  defp check([]), do: :ok
+  defp values(definitions, given),
+    do: definitions |> Map.new(&{&1.path, &1.default}) |> Map.merge(given)
 
-  defp check([component | rest]) do
-    with {:ok, _options} <- Options.check(component.module, component.options, component.path),
-         do: check(rest)
+  defp check([], _robot, _values), do: :ok
+
+  defp check([component | rest], robot, values) do
+    resolution = Resolution.of(robot, component)
+
+    # A parameter without a default may have a persisted value.
+    known? = Enum.all?(Resolution.paths(resolution), &(values[&1] != nil))
+
+    with {:ok, _options} <-
+           if(known?, do: Resolution.options(resolution, values), else: {:ok, []}),
+         do: check(rest, robot, values)
   end
 end

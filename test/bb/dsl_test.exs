@@ -1,21 +1,11 @@
 defmodule BB.DslTest do
   use ExUnit.Case, async: true
 
+  import BB.Test.Mistake
   import BB.Test.Robot
   import BB.Unit, only: :sigils
 
   alias BB.Test.Probe
-
-  # Compiles a robot with the given lines inside, the first of which is line 3, and returns the error.
-  defp mistake(lines) do
-    name = "Mistaken#{System.unique_integer([:positive])}"
-    source = "defmodule #{name} do\n  use BB\n#{lines}\nend"
-    error = assert_raise BB.Dsl.Error, fn -> Code.compile_string(source, "lib/robot.ex") end
-    assert inspect(error.module) == name
-    message = Exception.message(error)
-    assert message =~ "#{name}, #{inspect(error.path)} (lib/robot.ex:#{error.line}): "
-    error
-  end
 
   describe "a declaration" do
     test "becomes a robot with links, joints and sensors" do
@@ -471,9 +461,10 @@ defmodule BB.DslTest do
 
     test "a field that the entity does not have" do
       assert mistake("sensors do\n sensor :s, BB.Test.Probe, require: true\n end").reason ==
-               "a sensor has no :require; it takes :required, :retain, :max_silence"
+               "a sensor has no :require; it takes :required, :retain, :max_silence, :transmission"
 
-      assert mistake("settings nme: :x").reason == "settings has no :nme; it takes :name"
+      assert mistake("settings nme: :x").reason ==
+               "settings has no :nme; it takes :name, :parameter_store, :registry_module, :registry_options, :supervisor_module"
     end
 
     test "a field that is given twice" do
@@ -505,7 +496,7 @@ defmodule BB.DslTest do
         """)
 
       assert error.path == [:topology, :base, :j, :tip]
-      assert error.reason == "type cannot stand in a link; it belongs in a joint"
+      assert error.reason == "type cannot stand in a link; it belongs in a joint or a parameter"
 
       error =
         mistake("""
@@ -536,11 +527,33 @@ defmodule BB.DslTest do
 
         settings do
           name :my_robot
+          parameter_store {BB.Parameter.Store.Dets, path: "/data/params"}
+          registry_module Registry
+          registry_options partitions: 2
+          supervisor_module Supervisor
+        end
+
+        parameters do
+          param :debug, type: :boolean, default: false
+
+          group :imu do
+            param :rate do
+              type {:unit, :hertz}
+              default ~u(100 hertz)
+              min ~u(1 hertz)
+              max ~u(1 kilohertz)
+              doc "Samples a second."
+            end
+          end
+        end
+
+        controllers do
+          controller :balance, {BB.Test.Brain, rate: 1}, required: true
         end
 
         topology do
           link :base do
-            sensor :imu, {BB.Test.Probe, rate: 1}, required: true
+            sensor :imu, {BB.Test.Probe, rate: param([:imu, :rate])}, required: true
 
             joint :shoulder, type: :revolute do
               origin z: ~u(0.1 meter)
@@ -548,8 +561,15 @@ defmodule BB.DslTest do
 
               sensor :encoder, BB.Test.Probe do
                 max_silence ~u(1 second)
+
+                transmission do
+                  reduction 1.0
+                  offset ~u(5 degree)
+                  reversed? true
+                end
               end
 
+              actuator :servo, {BB.Test.Motor, rate: 1}, required: true
               link :arm
             end
           end
@@ -569,6 +589,11 @@ defmodule BB.DslTest do
       modules = [
         BB.Dsl.Robot,
         BB.Dsl.Settings,
+        BB.Dsl.Parameters,
+        BB.Dsl.Param,
+        BB.Dsl.Controller,
+        BB.Dsl.Actuator,
+        BB.Dsl.Transmission,
         BB.Dsl.Component,
         BB.Dsl.Sensor,
         BB.Dsl.Topology,

@@ -46,6 +46,10 @@ defmodule BB.Test.Probe do
     do: run(:handle_continue, [argument, state], fn -> super(argument, state) end)
 
   @impl BB.Sensor
+  def handle_options(options, state),
+    do: run(:handle_options, [options, state], fn -> super(options, state) end)
+
+  @impl BB.Sensor
   def terminate(reason, state),
     do: run(:terminate, [reason, state], fn -> super(reason, state) end)
 

@@ -42,7 +42,7 @@ defmodule BB.Test.Robot do
   end
 
   defp part?(:topology), do: true
-  defp part?({kind, _name}), do: kind in [:link, :joint, :sensor]
+  defp part?({kind, _name}), do: kind in [:link, :joint, :sensor, :actuator, :controller]
   defp part?(_id), do: false
 
   @doc "The pid of a component's keeper."

@@ -30,10 +30,10 @@ defmodule BB.Test.Watch do
   @doc "The process of a sensor."
   def pid(robot, name), do: BB.Process.whereis(robot, name)
 
-  @doc "Starts a robot and subscribes to its sensors' states."
-  def start_watched(robot) do
+  @doc "Starts a robot and subscribes to its sensors' states. With `replay: true` the last ones before that are received too."
+  def start_watched(robot, opts \\ []) do
     start_supervised!(robot)
-    {:ok, _} = BB.subscribe(robot, [:sensor_status])
+    {:ok, _} = BB.subscribe(robot, [:sensor_status], opts)
     robot
   end
 

@@ -4,14 +4,16 @@ defmodule BB.Component.Backoff do
 
       delay = min(base · 2ⁿ, cap) × a random factor in 0.5..1.0
 
-  n counts the failures of one cause since the last stable run, so the first retry comes within 100 ms. There are two
+  n counts the failures of one cause since the last stable run, so the first retry comes within 100 ms. The cap is a matter of
+  what a try costs. Only a try shows that a fault has ended, so a cheap one is made at least every 750 ms: what starts at once
+  is up again within a second of its fault's end, however long the fault lasted and however often it struck. There are two
   causes, counted apart:
 
     * `:absent` - the component said itself that it cannot work: its `init` returned `{:stop, reason}`, or a later callback
-      did. That is a device which does not answer. Asking it again costs one transfer, and it must be back soon after its
-      wire is: the cap is 750 ms.
-    * `:crash` - it raised, exited or was killed. That is a mistake in code, which costs a report in the log each time and
-      seldom heals by itself: the cap is 5 s.
+      did. That is a device which does not answer, and asking it again costs one transfer: the cap is 750 ms.
+    * `:crash` - it raised, exited or was killed. The cap is four times the time that its `init` took, so that the tries of what
+      is slow to start and crashes all the same take at most about a fifth of the time (with the longest delay; a
+      third with the shortest); but at least 750 ms, and at most 5 s.
 
   A run is stable when it lasted at least a second, and at least four times the delay before it. A stable run forgets all
   failures.
@@ -26,7 +28,9 @@ defmodule BB.Component.Backoff do
   """
 
   @base_ms 100
-  @caps_ms %{absent: 750, crash: 5_000}
+  @cheap_cap_ms 750
+  @cap_ms 5_000
+  @cap_inits 4
   @stable_ms 1_000
   @stable_delays 4
 
@@ -45,20 +49,22 @@ defmodule BB.Component.Backoff do
   @spec new(random: (() -> float())) :: t()
   def new(opts \\ []), do: struct!(__MODULE__, opts)
 
-  @doc "Counts a failure: `{delay_ms, backoff}`."
-  @spec next(t(), cause()) :: {pos_integer(), t()}
-  def next(%__MODULE__{} = backoff, cause) do
+  @doc "Counts a failure of something whose `init` took `init_ms` milliseconds: `{delay_ms, backoff}`."
+  @spec next(t(), cause(), non_neg_integer()) :: {pos_integer(), t()}
+  def next(%__MODULE__{} = backoff, cause, init_ms \\ 0) do
     factor = 0.5 + backoff.random.() / 2
-    delay_ms = trunc(longest_ms(backoff, cause) * factor)
+    delay_ms = trunc(longest_ms(backoff, cause, init_ms) * factor)
     failures = Map.update!(backoff.failures, cause, &(&1 + 1))
     {delay_ms, %{backoff | failures: failures, delay_ms: delay_ms}}
   end
 
   @doc "The longest delay that the next failure of `cause` can bring, in milliseconds."
-  @spec longest_ms(t(), cause()) :: pos_integer()
-  def longest_ms(%__MODULE__{failures: failures}, cause) do
-    grow(@base_ms, Map.fetch!(failures, cause), Map.fetch!(@caps_ms, cause))
-  end
+  @spec longest_ms(t(), cause(), non_neg_integer()) :: pos_integer()
+  def longest_ms(%__MODULE__{failures: failures}, cause, init_ms \\ 0),
+    do: grow(@base_ms, Map.fetch!(failures, cause), cap_ms(cause, init_ms))
+
+  defp cap_ms(:absent, _init_ms), do: @cheap_cap_ms
+  defp cap_ms(:crash, init_ms), do: (@cap_inits * init_ms) |> max(@cheap_cap_ms) |> min(@cap_ms)
 
   @doc "Tells of a run that ended after `run_ms` milliseconds; a stable one forgets the failures before it."
   @spec ran(t(), non_neg_integer()) :: t()

@@ -6,18 +6,21 @@ defmodule BB.Component.Condition do
 
     * `:starting` - since the robot was started its first `init` has not returned
     * `:up` - it runs
-    * `:stale` - it runs but is silent: it published nothing for its `max_silence`, or its `init` does not return
+    * `:stale` - it runs but is silent: it published nothing for its `max_silence`, or its `init` does not return. It is left alone:
+      only it can know whether its device is merely slow, and a process that hangs in a callback is up again with its next message
     * `:backoff` - it went down and is started again after `retry_in_ms`; so until its `init` has returned `{:ok, …}`
     * `:ignored` - its `init` returned `:ignore`; it is not started again
   """
 
   alias BB.Component.{Backoff, Reason}
 
-  @enforce_keys [:since_ns]
+  @enforce_keys [:since_ns, :started_ns]
   defstruct [
     :since_ns,
+    :started_ns,
     :up_since_ns,
     :reason,
+    :last_error,
     :retry_in_ms,
     state: :starting,
     restarts: 0,
@@ -28,8 +31,10 @@ defmodule BB.Component.Condition do
 
   @type t :: %__MODULE__{
           since_ns: integer(),
+          started_ns: integer(),
           up_since_ns: integer() | nil,
           reason: term(),
+          last_error: term(),
           retry_in_ms: pos_integer() | nil,
           state: state(),
           restarts: non_neg_integer(),
@@ -38,12 +43,13 @@ defmodule BB.Component.Condition do
 
   @doc "A component that is started for the first time, or whose keeper is, after so many `restarts`."
   @spec new(integer(), non_neg_integer()) :: t()
-  def new(now_ns, restarts \\ 0), do: %__MODULE__{since_ns: now_ns, restarts: restarts}
+  def new(now_ns, restarts \\ 0),
+    do: %__MODULE__{since_ns: now_ns, started_ns: now_ns, restarts: restarts}
 
   @doc "It is started again."
-  @spec restarted(t()) :: t()
-  def restarted(condition),
-    do: %{condition | restarts: condition.restarts + 1, retry_in_ms: nil}
+  @spec restarted(t(), integer()) :: t()
+  def restarted(condition, now_ns),
+    do: %{condition | restarts: condition.restarts + 1, retry_in_ms: nil, started_ns: now_ns}
 
   @doc "Its `init` succeeded."
   @spec up(t(), integer()) :: t()
@@ -53,7 +59,9 @@ defmodule BB.Component.Condition do
   @spec down(t(), Backoff.cause(), term(), integer()) :: t()
   def down(condition, cause, reason, now_ns) do
     {delay_ms, backoff} =
-      condition.backoff |> Backoff.ran(run_ms(condition, now_ns)) |> Backoff.next(cause)
+      condition.backoff
+      |> Backoff.ran(run_ms(condition, now_ns))
+      |> Backoff.next(cause, init_ms(condition, now_ns))
 
     condition = enter(condition, :backoff, Reason.plain(reason), now_ns)
     %{condition | up_since_ns: nil, retry_in_ms: delay_ms, backoff: backoff}
@@ -84,14 +92,20 @@ defmodule BB.Component.Condition do
   @spec alarming?(t()) :: boolean()
   def alarming?(condition), do: condition.state in [:backoff, :stale]
 
-  defp enter(%{state: state} = condition, state, reason, _now_ns),
-    do: %{condition | reason: reason, retry_in_ms: nil}
+  defp enter(condition, state, reason, now_ns) do
+    since_ns = if state == condition.state, do: condition.since_ns, else: now_ns
+    last_error = if reason == nil, do: condition.last_error, else: reason
 
-  defp enter(condition, state, reason, now_ns),
-    do: %{condition | state: state, reason: reason, retry_in_ms: nil, since_ns: now_ns}
+    %{condition | state: state, since_ns: since_ns}
+    |> Map.merge(%{reason: reason, last_error: last_error, retry_in_ms: nil})
+  end
 
   defp run_ms(%{up_since_ns: nil}, _now_ns), do: 0
 
-  defp run_ms(condition, now_ns),
-    do: System.convert_time_unit(now_ns - condition.up_since_ns, :nanosecond, :millisecond)
+  defp run_ms(condition, now_ns), do: ms(now_ns - condition.up_since_ns)
+
+  defp init_ms(condition, now_ns),
+    do: ms((condition.up_since_ns || now_ns) - condition.started_ns)
+
+  defp ms(ns), do: System.convert_time_unit(ns, :nanosecond, :millisecond)
 end

@@ -8,7 +8,8 @@ defmodule BB.Component.Health do
   alias BB.Component.Condition
 
   @typedoc """
-  One component. `pid` is `nil` while it is down; `reason` says why it is not up; `since` is the monotonic time in
+  One component. `pid` is `nil` while it is down; `reason` says why it is not up, and `last_error` is the latest such reason, also
+  after it is up again (`nil` when there was none since its keeper was started); `since` is the monotonic time in
   nanoseconds at which it entered its state; `restarts` counts since the robot was started.
   """
   @type row :: %{
@@ -20,6 +21,7 @@ defmodule BB.Component.Health do
           pid: pid() | nil,
           restarts: non_neg_integer(),
           reason: term(),
+          last_error: term(),
           retry_in_ms: pos_integer() | nil,
           since: integer()
         }
@@ -28,25 +30,35 @@ defmodule BB.Component.Health do
   @spec list(module(), module()) :: [row()]
   def list(robot, kind) do
     registry = started!(robot)
-    for %{kind: ^kind} = component <- robot.robot().components, do: row(registry, component)
+    module = BB.Process.registry_module(robot)
+
+    for %{kind: ^kind} = component <- robot.robot().components,
+        do: row(module, registry, component)
   end
 
-  @doc "Enters a keeper's row, for as long as the calling process lives."
-  @spec register(module(), Component.t(), Condition.t(), pid() | nil) :: :ok
+  @doc """
+  Enters a keeper's row, for as long as the calling process lives. `{:error, pid}` while a keeper that was killed has not ended yet.
+  """
+  @spec register(module(), Component.t(), Condition.t(), pid() | nil) :: :ok | {:error, pid()}
   def register(robot, component, condition, pid) do
     registry = BB.Process.registry_name(robot)
-    _ = Registry.register(registry, key(component), to_row(component, condition, pid))
-    :ok
+    module = BB.Process.registry_module(robot)
+
+    case module.register(registry, key(component), to_row(component, condition, pid)) do
+      {:error, {:already_registered, other}} when other != self() -> {:error, other}
+      _registered -> :ok
+    end
   end
 
   @doc "Renews the calling keeper's row."
   @spec put(module(), Component.t(), Condition.t(), pid() | nil) :: :ok
   def put(robot, component, condition, pid) do
     registry = BB.Process.registry_name(robot)
+    module = BB.Process.registry_module(robot)
     row = to_row(component, condition, pid)
-    _ = Registry.update_value(registry, key(component), fn _old -> row end)
+    _ = module.update_value(registry, key(component), fn _old -> row end)
     left = {condition.restarts, Condition.alarming?(condition)}
-    Registry.put_meta(registry, {:kept, component.name}, left)
+    module.put_meta(registry, {:kept, component.name}, left)
   rescue
     # The registry is being restarted; the keeper enters its row again.
     ArgumentError -> :ok
@@ -57,7 +69,10 @@ defmodule BB.Component.Health do
   """
   @spec left(module(), Component.t()) :: {non_neg_integer(), boolean()} | nil
   def left(robot, component) do
-    case Registry.meta(BB.Process.registry_name(robot), {:kept, component.name}) do
+    case BB.Process.registry_module(robot).meta(
+           BB.Process.registry_name(robot),
+           {:kept, component.name}
+         ) do
       {:ok, left} -> left
       :error -> nil
     end
@@ -65,8 +80,8 @@ defmodule BB.Component.Health do
     ArgumentError -> nil
   end
 
-  defp row(registry, component) do
-    case Registry.lookup(registry, key(component)) do
+  defp row(module, registry, component) do
+    case module.lookup(registry, key(component)) do
       [{_keeper, row}] -> row
       [] -> to_row(component, Condition.new(System.monotonic_time(:nanosecond)), nil)
     end
@@ -82,6 +97,7 @@ defmodule BB.Component.Health do
       pid: pid,
       restarts: condition.restarts,
       reason: condition.reason,
+      last_error: condition.last_error,
       retry_in_ms: condition.retry_in_ms,
       since: condition.since_ns
     }

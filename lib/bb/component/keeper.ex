@@ -109,7 +109,10 @@ defmodule BB.Component.Keeper do
   def handle_info(:attach, keeper), do: keeper |> attach() |> noreply()
 
   def handle_info(:retry, %{server: nil} = keeper),
-    do: %{keeper | condition: Condition.restarted(keeper.condition)} |> start() |> noreply()
+    do:
+      %{keeper | condition: Condition.restarted(keeper.condition, now_ns())}
+      |> start()
+      |> noreply()
 
   def handle_info({:DOWN, ref, :process, _pid, _reason}, %{predecessor: ref} = keeper),
     do: %{keeper | predecessor: nil} |> start() |> noreply()
@@ -252,9 +255,10 @@ defmodule BB.Component.Keeper do
   # Its row in the registry and its subscription live as long as registry and bus do.
   defp attach(keeper) do
     %{robot: robot, component: component, condition: condition} = keeper
-    Health.register(robot, component, condition, keeper.server)
+    if component.retain, do: BB.PubSub.retain(robot, Component.data_path(component))
     _ = if component.max_silence_ns, do: subscribe(robot, Component.data_path(component))
-    keeper
+    registered = Health.register(robot, component, condition, keeper.server)
+    if registered == :ok, do: keeper, else: attach_later(keeper)
   rescue
     ArgumentError -> attach_later(keeper)
   end

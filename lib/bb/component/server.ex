@@ -2,8 +2,8 @@ defmodule BB.Component.Server do
   @moduledoc """
   The one process behind sensors, and behind every other kind of component.
 
-  It checks the options against the callback module's schema, calls `init/1` and then passes each request, message and
-  time-out on. Its arguments are a keyword list:
+  It resolves the references to parameters in the options and in the transmission, checks the options against the callback
+  module's schema, calls `init/1` and then passes each request, message and time-out on. Its arguments are a keyword list:
 
     * `:__callback_module__` - the module
     * `:__kind__` - the kind of component, a module with the behaviour `BB.Component`
@@ -15,6 +15,11 @@ defmodule BB.Component.Server do
   answer holds up nobody, and reports to the keeper (`t:report/0`). Started by anyone else, `start_link/1` returns what
   became of `init/1`.
 
+  It watches the parameters before it has their values (`BB.Parameter.watch/2`), and calls `handle_options/2` once for each change
+  that makes another set of options: two parameters set by one `BB.Parameter.set_many/2` are one change, a parameter set to the
+  value that it has is none. Options that are wrong then, or `{:stop, reason}`, stop the process. The callback module sees nothing of the
+  watch; what it has subscribed to itself, below `[:param]` too, reaches its `handle_info/2` as any message does.
+
   It does not trap exits under a keeper: it dies with its keeper, even while a callback hangs, and it dies with a process
   that the callback module has linked to it. The keeper stops it by a system message, which runs `terminate/2`. Without a
   keeper it traps exits for the same effect under any supervisor.
@@ -22,17 +27,20 @@ defmodule BB.Component.Server do
 
   use GenServer
 
-  alias BB.Component.Options
+  alias BB.Component.Resolution
 
-  @enforce_keys [:module, :kind, :bb, :options]
+  @enforce_keys [:module, :kind, :bb, :resolution]
   defstruct [
     :module,
     :kind,
     :bb,
+    :resolution,
     :options,
+    :watch,
     :keeper,
     :user_state,
     :wake_at,
+    values: %{},
     ready?: false,
     guarded?: false
   ]
@@ -63,12 +71,16 @@ defmodule BB.Component.Server do
   def init(args) do
     {own, options} = Keyword.split(args, [:__callback_module__, :__kind__, :__keeper__, :bb])
 
+    module = Keyword.fetch!(own, :__callback_module__)
+    kind = Keyword.fetch!(own, :__kind__)
+    bb = Map.take(Keyword.fetch!(own, :bb), [:robot, :path])
+
     server = %__MODULE__{
-      module: Keyword.fetch!(own, :__callback_module__),
-      kind: Keyword.fetch!(own, :__kind__),
-      bb: Map.take(Keyword.fetch!(own, :bb), [:robot, :path]),
+      module: module,
+      kind: kind,
+      bb: bb,
       keeper: own[:__keeper__],
-      options: options
+      resolution: Resolution.new(kind, module, bb, options)
     }
 
     if server.keeper, do: {:ok, server, {:continue, @start}}, else: start(server)
@@ -100,6 +112,13 @@ defmodule BB.Component.Server do
     if reason == :normal, do: resume(server), else: {:stop, reason, server}
   end
 
+  def handle_info({BB.Parameter, watch, values}, %{watch: watch} = server),
+    do: take_on(%{server | values: Map.merge(server.values, values)})
+
+  # The robot's parameters are started anew. So is the component, with them.
+  def handle_info({:DOWN, watch, :process, _pid, _reason}, %{watch: watch} = server),
+    do: {:stop, {:shutdown, {__MODULE__, {:absent, :parameters_restart}}}, server}
+
   def handle_info(message, server),
     do: settle(server, server.module.handle_info(message, server.user_state))
 
@@ -112,20 +131,39 @@ defmodule BB.Component.Server do
   # Starting: the options, then the user's init.
 
   defp start(server) do
-    case Options.check(server.module, server.options, server.bb.path) do
-      {:ok, options} -> server |> run_init(options) |> started(server)
+    with {:ok, server} <- watch(server),
+         {:ok, options} <- Resolution.options(server.resolution, server.values) do
+      server = %{server | options: options}
+      server |> run_init() |> started(server)
+    else
       {:error, error} -> {:stop, error}
     end
   end
 
-  defp run_init(server, options) do
-    %{module: module, kind: kind, bb: bb} = server
-    options = [bb: bb] ++ kind.component_options(bb.robot, List.last(bb.path)) ++ options
+  # The values are those of the moment from which on it hears of changes.
+  defp watch(server) do
+    with [_ | _] = paths <- Resolution.paths(server.resolution),
+         {:ok, watch, values} <- BB.Parameter.watch(server.bb.robot, paths) do
+      {:ok, %{server | watch: watch, values: values}}
+    else
+      [] -> {:ok, server}
+      error -> error
+    end
+  end
+
+  defp run_init(%{module: module, kind: kind, bb: bb, options: options} = server) do
     metadata = %{robot: bb.robot, path: bb.path, module: module}
+    enlist(server)
 
     BB.Telemetry.span([:bb, kind.component_kind(), :init], metadata, fn ->
       {module.init(options), metadata}
     end)
+  end
+
+  # Before its callbacks have the options, so that the hardware never moves without a handler that stops it.
+  defp enlist(%{module: module, bb: bb, options: options}) do
+    if function_exported?(module, :disarm, 1),
+      do: BB.Safety.register(module, robot: bb.robot, path: bb.path, opts: options)
   end
 
   defp started({:ok, state}, server), do: {:ok, ready(server, state)}
@@ -144,6 +182,26 @@ defmodule BB.Component.Server do
   defp ready(server, state) do
     guarded? = is_nil(server.keeper) and not Process.flag(:trap_exit, true)
     %{server | user_state: state, ready?: true, guarded?: guarded?}
+  end
+
+  # New values of parameters
+
+  defp take_on(%{options: options} = server) do
+    case Resolution.options(server.resolution, server.values) do
+      {:ok, ^options} -> resume(server)
+      {:ok, options} -> taken_on(%{server | options: options})
+      {:error, error} -> {:stop, error, report(server, {:stopping, error})}
+    end
+  end
+
+  defp taken_on(server) do
+    enlist(server)
+
+    case server.module.handle_options(server.options, server.user_state) do
+      {:ok, state} -> resume(%{server | user_state: state})
+      {:stop, reason} -> {:stop, reason, report(server, {:stopping, reason})}
+      other -> {:stop, {:bad_return_value, other}, server}
+    end
   end
 
   # What a callback returned, with the user's state put into the server's.

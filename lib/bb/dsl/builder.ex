@@ -23,9 +23,11 @@ defmodule BB.Dsl.Builder do
   @doc "The finished tree."
   @spec finish(module()) :: Node.t()
   def finish(module) do
-    %__MODULE__{stack: [root]} = load(module)
+    %__MODULE__{stack: [root]} = state = load(module)
+    root = in_order(root)
+    check_values(state, root, root, Rules.definitions(root))
     Module.delete_attribute(module, @state)
-    in_order(root)
+    root
   end
 
   @doc "Begins an entity with its plain arguments (a name, a child) and the fields that were given as keywords."
@@ -62,6 +64,12 @@ defmodule BB.Dsl.Builder do
     %{stack: [node, parent | rest]} = state = load(module)
     check!(state, node, node.place, Rules.complete(node))
     save(%{state | stack: [%{parent | nodes: [in_order(node) | parent.nodes]} | rest]})
+  end
+
+  # What refers to a parameter may stand before it.
+  defp check_values(state, node, parent, definitions) do
+    check!(state, node, node.place, Rules.settled(node, parent, definitions))
+    Enum.each(node.nodes, &check_values(state, &1, node, definitions))
   end
 
   defp set_all(module, fields, place) do
@@ -104,7 +112,7 @@ defmodule BB.Dsl.Builder do
   defp remember(state, %{name: nil}), do: state
 
   defp remember(state, %{kind: kind, name: name} = node) do
-    key = {family(kind), name}
+    key = family(kind, node.path)
     check!(state, node, node.place, Rules.unique(node, state.seen[key]))
 
     state = %{state | seen: Map.put(state.seen, key, node)}
@@ -114,8 +122,10 @@ defmodule BB.Dsl.Builder do
       else: state
   end
 
-  defp family(kind) when kind in [:link, :joint], do: kind
-  defp family(_kind), do: :component
+  # Parameters have the names of their groups before theirs; all other names hold for the whole robot.
+  defp family(kind, path) when kind in [:param, :group], do: {:param, path}
+  defp family(kind, path) when kind in [:link, :joint], do: {kind, List.last(path)}
+  defp family(_kind, path), do: {:component, List.last(path)}
 
   defp check!(_state, _node, _place, :ok), do: :ok
   defp check!(_state, _node, _place, {:ok, value}), do: value

@@ -1,6 +1,6 @@
 defmodule BB.Dsl.Child do
   @moduledoc """
-  The callback module of a component and its options, as written in a declaration.
+  The callback module of a component, or of the parameter store, and its options, as written in a declaration.
   """
 
   @doc "A child as `{:ok, module, options}`, or `{:error, reason}`."
@@ -42,8 +42,14 @@ defmodule BB.Dsl.Child do
       :ok
     else
       {:error,
-       "#{inspect(module)} does not implement #{inspect(behaviour)}; add `use #{inspect(behaviour)}` to it"}
+       "#{inspect(module)} does not implement #{inspect(behaviour)}; add `#{declaration(behaviour)}` to it"}
     end
+  end
+
+  defp declaration(behaviour) do
+    if Code.ensure_loaded?(behaviour) and macro_exported?(behaviour, :__using__, 1),
+      do: "use #{inspect(behaviour)}",
+      else: "@behaviour #{inspect(behaviour)}"
   end
 
   defp check_options(options) do

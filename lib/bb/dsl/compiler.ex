@@ -3,18 +3,36 @@ defmodule BB.Dsl.Compiler do
   Turns a declaration (`BB.Dsl.Node`), which the builder has checked, into a `BB.Robot`.
   """
 
-  alias BB.{Component, Robot}
-  alias BB.Dsl.{Child, Node}
+  alias BB.{Component, Robot, Transmission}
+  alias BB.Dsl.{Child, Grammar, Node, Rules}
+  alias BB.Parameter.Reference
+
+  @behaviours %{sensor: BB.Sensor, actuator: BB.Actuator, controller: BB.Controller}
+  @collections %{sensor: :sensors, actuator: :actuators, controller: :controllers}
 
   @doc "The robot that `node` declares."
   @spec robot(module(), Node.t()) :: Robot.t()
   def robot(module, %Node{kind: :robot} = node) do
     %Robot{name: module, settings: Node.fields_of(node, :settings) || %{}}
-    |> each(Node.nodes(node, :sensors), fn section, robot ->
-      components(robot, section, [], nil)
-    end)
+    |> Map.put(:parameters, parameters(node))
+    |> each(Node.nodes(node, :sensors), &components(&2, &1, [], nil))
+    |> each(Node.nodes(node, :controllers), &components(&2, &1, [], nil))
     |> each(Node.nodes(node, :topology), &topology/2)
     |> Map.update!(:components, &Enum.reverse/1)
+    |> subscriptions()
+  end
+
+  # In the order of the declaration, which is that of their places.
+  defp parameters(node) do
+    definitions = Rules.definitions(node)
+    for path <- param_paths(Node.nodes(node, :parameters)), do: Map.fetch!(definitions, path)
+  end
+
+  defp param_paths(nodes) do
+    Enum.flat_map(nodes, fn
+      %Node{kind: :param, path: [:parameters | path]} -> [path]
+      %Node{nodes: nodes} -> param_paths(nodes)
+    end)
   end
 
   defp topology(section, robot) do
@@ -53,7 +71,8 @@ defmodule BB.Dsl.Compiler do
       axis: Node.fields_of(node, :axis),
       limit: Node.fields_of(node, :limit),
       dynamics: Node.fields_of(node, :dynamics),
-      sensors: names(node, :sensor)
+      sensors: names(node, :sensor),
+      actuators: names(node, :actuator)
     }
 
     %{robot | joints: Map.put(robot.joints, node.name, joint)}
@@ -61,17 +80,18 @@ defmodule BB.Dsl.Compiler do
     |> link(child, path, node.name)
   end
 
-  defp components(robot, node, path, place),
-    do: each(robot, Node.nodes(node, :sensor), &sensor(&2, &1, path, place))
+  defp components(robot, node, path, place) do
+    components = Enum.filter(node.nodes, &(&1.kind in Grammar.components()))
+    each(robot, components, &attach(&2, &1, path, place))
+  end
 
-  defp sensor(robot, %{name: name} = node, path, place) do
-    attached = %{name: name, attached_to: place, transmission: nil}
+  defp attach(robot, %{name: name, kind: kind} = node, path, place) do
+    component = component(node, path, place)
+    attached = Map.take(component, [:name, :attached_to, :transmission])
 
-    %{
-      robot
-      | sensors: Map.put(robot.sensors, name, attached),
-        components: [component(node, path, place) | robot.components]
-    }
+    robot
+    |> Map.update!(@collections[kind], &Map.put(&1, name, attached))
+    |> Map.update!(:components, &[component | &1])
   end
 
   defp component(node, path, place) do
@@ -79,19 +99,50 @@ defmodule BB.Dsl.Compiler do
 
     %Component{
       name: node.name,
-      kind: BB.Sensor,
+      kind: @behaviours[node.kind],
       module: module,
       options: options,
       path: path ++ [node.name],
       attached_to: place,
+      transmission: transmission(Node.fields_of(node, :transmission)),
       required: Map.get(node.fields, :required, false),
       retain: Map.get(node.fields, :retain, false),
       max_silence_ns: nanoseconds(node.fields[:max_silence])
     }
   end
 
+  defp transmission(nil), do: nil
+  defp transmission(fields), do: Transmission.new(fields)
+
   defp nanoseconds(nil), do: nil
   defp nanoseconds(%BB.Unit{} = time), do: round(BB.Unit.convert!(time, :nanosecond).value)
+
+  # What follows parameters
+
+  defp subscriptions(robot) do
+    places =
+      Enum.flat_map(robot.components, &places_in_component/1) ++
+        Enum.flat_map(robot.joints, &places_in_joint/1)
+
+    followed = Enum.group_by(places, &elem(&1, 0), &elem(&1, 1))
+    %{robot | param_subscriptions: followed}
+  end
+
+  defp places_in_component(component) do
+    place = [:"#{component.kind.component_kind()}s", component.name]
+    places(component.options, place) ++ places(component.transmission, place ++ [:transmission])
+  end
+
+  defp places_in_joint({name, joint}) do
+    Enum.flat_map([:origin, :axis, :limit], fn field ->
+      joint |> Map.fetch!(field) |> places([:joints, name, field])
+    end)
+  end
+
+  defp places(nil, _place), do: []
+
+  defp places(fields, place),
+    do: for({key, %Reference{path: path}} <- fields, do: {path, place ++ [key]})
 
   defp names(node, kind), do: for(child <- Node.nodes(node, kind), do: child.name)
   defp each(robot, nodes, change), do: Enum.reduce(nodes, robot, change)

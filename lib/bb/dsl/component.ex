@@ -3,7 +3,9 @@ defmodule BB.Dsl.Component do
 
   import BB.Dsl.Vocabulary, only: [entity: 5]
 
-  @inside [BB.Dsl.Sensor]
+  @sensor [BB.Dsl.Sensor]
+  @actuator [BB.Dsl.Actuator]
+  @controller [BB.Dsl.Controller]
 
   @doc """
   Declares a sensor: `sensor :imu, {BB.Sensor.Mpu6050, bus: "i2c-1"}`, or the module alone when it needs no options.
@@ -13,12 +15,40 @@ defmodule BB.Dsl.Component do
     * `required` - whether the robot is of no use without it (`false`)
     * `retain` - whether its last message is worth keeping for those who subscribe late (`false`)
     * `max_silence` - the longest time between two of its messages; a sensor silent for longer is `:stale`
+    * `transmission` - what is between it and the joint that it is attached to: `reduction`, `offset`, `reversed?`
   """
-  defmacro sensor(name, child), do: entity(:sensor, [name, child], 2, @inside, __CALLER__)
+  defmacro sensor(name, child), do: entity(:sensor, [name, child], 2, @sensor, __CALLER__)
 
   defmacro sensor(name, child, fields),
-    do: entity(:sensor, [name, child, fields], 2, @inside, __CALLER__)
+    do: entity(:sensor, [name, child, fields], 2, @sensor, __CALLER__)
 
   defmacro sensor(name, child, fields, block),
-    do: entity(:sensor, [name, child, fields, block], 2, @inside, __CALLER__)
+    do: entity(:sensor, [name, child, fields, block], 2, @sensor, __CALLER__)
+
+  @doc """
+  Declares an actuator of a joint: `actuator :servo, {MyRobot.Servo, channel: 0}`.
+
+  Inside, or as keywords: `required` - whether the robot is of no use without it (`false`), and `transmission`.
+  """
+  defmacro actuator(name, child), do: entity(:actuator, [name, child], 2, @actuator, __CALLER__)
+
+  defmacro actuator(name, child, fields),
+    do: entity(:actuator, [name, child, fields], 2, @actuator, __CALLER__)
+
+  defmacro actuator(name, child, fields, block),
+    do: entity(:actuator, [name, child, fields, block], 2, @actuator, __CALLER__)
+
+  @doc """
+  Declares a controller in `controllers`: `controller :balance, {MyRobot.Balance, gain: param([:balance, :gain])}`.
+
+  Field: `required` - whether the robot is of no use without it (`false`).
+  """
+  defmacro controller(name, child),
+    do: entity(:controller, [name, child], 2, @controller, __CALLER__)
+
+  defmacro controller(name, child, fields),
+    do: entity(:controller, [name, child, fields], 2, @controller, __CALLER__)
+
+  defmacro controller(name, child, fields, block),
+    do: entity(:controller, [name, child, fields, block], 2, @controller, __CALLER__)
 end

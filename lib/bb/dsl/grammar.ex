@@ -4,8 +4,11 @@ defmodule BB.Dsl.Grammar do
   that may stand inside it.
   """
 
-  @kinds [:robot, :settings, :sensors, :topology, :link, :joint, :sensor] ++
-           [:origin, :axis, :limit, :dynamics]
+  @kinds [:robot, :settings, :sensors, :controllers, :topology, :link, :joint] ++
+           [:sensor, :actuator, :controller, :transmission] ++
+           [:origin, :axis, :limit, :dynamics, :parameters, :group, :param]
+
+  @components [:sensor, :actuator, :controller]
 
   @joint_types [:revolute, :continuous, :prismatic, :fixed]
 
@@ -14,19 +17,42 @@ defmodule BB.Dsl.Grammar do
 
   @doc "The entities that may stand inside one of `kind`."
   @spec entities(atom()) :: [atom()]
-  def entities(:robot), do: [:settings, :sensors, :topology]
+  def entities(:robot), do: [:settings, :parameters, :sensors, :controllers, :topology]
+  def entities(kind) when kind in [:parameters, :group], do: [:param, :group]
   def entities(:sensors), do: [:sensor]
+  def entities(:controllers), do: [:controller]
   def entities(:topology), do: [:link]
   def entities(:link), do: [:sensor, :joint]
-  def entities(:joint), do: [:origin, :axis, :limit, :dynamics, :sensor, :link]
+  def entities(:joint), do: [:origin, :axis, :limit, :dynamics, :sensor, :actuator, :link]
+  def entities(kind) when kind in [:sensor, :actuator], do: [:transmission]
   def entities(_kind), do: []
 
   @doc "The entities that have a name."
-  def named?(kind), do: kind in [:link, :joint, :sensor]
+  def named?(kind), do: kind in [:link, :joint, :param, :group | @components]
+
+  @doc "The kinds of components."
+  def components, do: @components
+
+  @doc "Whether a field of `kind` may be the value of a parameter."
+  def follows?(kind), do: kind in [:origin, :axis, :limit, :transmission]
 
   @doc "The fields of an entity of `kind`."
   @spec fields(atom()) :: BB.Options.schema()
-  def fields(:settings), do: [name: [type: :atom]]
+  def fields(:settings) do
+    [
+      name: [type: :atom],
+      parameter_store: [type: {:or, [:module, {:tuple, [:module, :keyword_list]}]}],
+      registry_module: [type: :module],
+      registry_options: [type: :keyword_list],
+      supervisor_module: [type: :module]
+    ]
+  end
+
+  def fields(:param) do
+    [doc: [type: :string]] ++
+      for field <- [:type, :default, :min, :max], do: {field, [type: :any]}
+  end
+
   def fields(:joint), do: [type: [type: {:in, @joint_types}]]
 
   def fields(:sensor) do
@@ -34,6 +60,16 @@ defmodule BB.Dsl.Grammar do
       required: [type: :boolean],
       retain: [type: :boolean],
       max_silence: [type: {:custom, __MODULE__, :check_duration, []}]
+    ]
+  end
+
+  def fields(kind) when kind in [:actuator, :controller], do: [required: [type: :boolean]]
+
+  def fields(:transmission) do
+    [
+      reduction: [type: {:custom, __MODULE__, :check_reduction, []}],
+      offset: [type: {:struct, BB.Unit}],
+      reversed?: [type: :boolean]
     ]
   end
 
@@ -78,6 +114,13 @@ defmodule BB.Dsl.Grammar do
     ]
   end
 
+  @doc "The fields of a transmission at a joint of `type`: the offset is in the joint's space."
+  @spec transmission_fields(atom()) :: BB.Options.schema()
+  def transmission_fields(type) do
+    offset = if type == :prismatic, do: a_length(), else: an_angle()
+    Keyword.put(fields(:transmission), :offset, type: offset)
+  end
+
   @doc "All words that may stand inside an entity of `kind`."
   @spec words(atom()) :: [atom()]
   def words(kind), do: Keyword.keys(fields(kind)) ++ entities(kind)
@@ -92,6 +135,14 @@ defmodule BB.Dsl.Grammar do
   end
 
   def check_unit(value, _unit, expected), do: refuse(value, expected)
+
+  @doc false
+  def check_reduction(value) when is_number(value) and value > 0, do: {:ok, value}
+
+  def check_reduction(value) do
+    {:error,
+     "expected a number above zero, motor turns per joint turn, got: #{inspect(value)}; for a motor that turns the other way add `reversed? true`"}
+  end
 
   @doc false
   def check_duration(value) do

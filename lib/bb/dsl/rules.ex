@@ -5,6 +5,9 @@ defmodule BB.Dsl.Rules do
 
   alias BB.Dsl.{Child, Error, Grammar, Node}
   alias BB.{Options, Unit}
+  alias BB.Parameter.{Definition, Reference}
+
+  @behaviours %{sensor: BB.Sensor, actuator: BB.Actuator, controller: BB.Controller}
 
   @type verdict :: :ok | {:error, String.t()}
 
@@ -53,8 +56,15 @@ defmodule BB.Dsl.Rules do
     cond do
       not Keyword.has_key?(schema, field) -> {:error, unknown(field, node.kind)}
       Map.has_key?(node.fields, field) -> {:error, "#{field} is given twice; keep one of them"}
+      is_struct(value, Reference) -> reference(node.kind, value)
       true -> cast(schema, field, value)
     end
+  end
+
+  defp reference(kind, value) do
+    if Grammar.follows?(kind),
+      do: {:ok, value},
+      else: {:error, "#{the(kind)} follows no parameter; write the value itself"}
   end
 
   defp cast(schema, field, value) do
@@ -70,12 +80,138 @@ defmodule BB.Dsl.Rules do
     with :ok <- typed(joint), :ok <- carrying(joint), :ok <- limited(joint), do: in_range(joint)
   end
 
-  def complete(%Node{kind: :sensor, name: name, child: child}) do
-    with {:error, reason} <- Child.check(child, BB.Sensor),
-         do: {:error, "sensor #{inspect(name)}: #{reason}"}
+  def complete(%Node{kind: kind, name: name, child: child})
+      when is_map_key(@behaviours, kind) do
+    with {:error, reason} <- Child.check(child, @behaviours[kind]),
+         do: {:error, "#{kind} #{inspect(name)}: #{reason}"}
+  end
+
+  def complete(%Node{kind: :param} = node) do
+    with {:ok, _definition} <- definition(node), do: :ok
+  end
+
+  def complete(%Node{kind: :settings, fields: %{parameter_store: store}}) do
+    with {:error, reason} <- Child.check(store, BB.Parameter.Store),
+         do: {:error, "parameter_store: #{reason}"}
   end
 
   def complete(_node), do: :ok
+
+  @doc "The parameters that a robot's declaration has, by their paths."
+  @spec definitions(Node.t()) :: %{BB.Parameter.path() => Definition.t()}
+  def definitions(root) do
+    for section <- Node.nodes(root, :parameters), node <- params(section), into: %{} do
+      {:ok, definition} = definition(node)
+      {definition.path, definition}
+    end
+  end
+
+  defp params(node) do
+    Node.nodes(node, :param) ++ Enum.flat_map(Node.nodes(node, :group), &params/1)
+  end
+
+  defp definition(%Node{path: [:parameters | path], fields: fields}),
+    do: Definition.new(path, fields)
+
+  @doc "Whether what `node` refers to is there and fits, now that the whole robot is known."
+  @spec settled(Node.t(), Node.t(), %{BB.Parameter.path() => Definition.t()}) :: verdict()
+  def settled(%Node{kind: kind} = node, parent, definitions)
+      when is_map_key(@behaviours, kind) do
+    {:ok, _module, options} = Child.parse(node.child)
+
+    with :ok <- connected(node, parent),
+         do: all(options, fn {key, value} -> referred(key, value, definitions) end)
+  end
+
+  def settled(%Node{kind: :joint} = joint, _parent, definitions) do
+    type = joint.fields.type
+
+    with :ok <- followed(joint, :limit, Grammar.limit_fields(type), definitions),
+         do:
+           joint.nodes
+           |> Enum.filter(&(&1.kind in Grammar.components()))
+           |> all(&transmission(&1, Grammar.transmission_fields(type), definitions))
+  end
+
+  def settled(%Node{kind: kind, fields: fields}, _parent, definitions)
+      when kind in [:origin, :axis],
+      do: fields |> Map.to_list() |> all(&fits(&1, Grammar.fields(kind), definitions))
+
+  def settled(_node, _parent, _definitions), do: :ok
+
+  defp connected(%{name: name, kind: kind} = node, %{kind: parent}) do
+    if parent != :joint and Node.nodes(node, :transmission) != [],
+      do:
+        {:error,
+         "#{kind} #{inspect(name)} has a transmission and stands in #{the(parent)}; move it into a joint, or remove the transmission"},
+      else: :ok
+  end
+
+  defp transmission(component, schema, definitions) do
+    with {:error, reason} <- followed(component, :transmission, schema, definitions),
+         do: {:error, "#{component.kind} #{inspect(component.name)}: #{reason}"}
+  end
+
+  defp followed(node, kind, schema, definitions) do
+    fields = Node.fields_of(node, kind) || %{}
+
+    with {:error, reason} <- fields |> Map.to_list() |> all(&fits(&1, schema, definitions)),
+         do: {:error, "#{kind}: #{reason}"}
+  end
+
+  # A parameter fits a field when its default does.
+  defp fits({field, %Reference{} = reference}, schema, definitions) do
+    with {:ok, definition} <- find(field, reference, definitions),
+         {:error, reason} <- fits({field, definition.default}, schema, definitions) do
+      {:error, "#{shown(reference)} does not fit: #{reason}"}
+    else
+      {:error, reason} -> {:error, reason}
+      :ok -> :ok
+    end
+  end
+
+  defp fits({_field, nil}, _schema, _definitions), do: :ok
+
+  defp fits({field, value}, schema, _definitions) do
+    with {:ok, _value} <- cast(schema, field, value), do: :ok
+  end
+
+  defp referred(key, %Reference{} = reference, definitions) do
+    with {:ok, _definition} <- find(key, reference, definitions), do: :ok
+  end
+
+  defp referred(key, value, _definitions) do
+    case Reference.buried(value) do
+      nil ->
+        :ok
+
+      reference ->
+        {:error,
+         "option #{inspect(key)} has #{shown(reference)} inside it; a parameter stands for a whole option"}
+    end
+  end
+
+  defp find(field, %Reference{path: path} = reference, definitions) do
+    with :error <- Map.fetch(definitions, path),
+         do:
+           {:error, "#{inspect(field)} is #{shown(reference)}, and #{nothing(path, definitions)}"}
+  end
+
+  defp nothing(_path, definitions) when definitions == %{},
+    do: "the robot has no parameters; declare it in `parameters`"
+
+  defp nothing(path, definitions) do
+    close =
+      definitions
+      |> Map.keys()
+      |> Enum.max_by(&String.jaro_distance(inspect(&1), inspect(path)))
+
+    "there is no such parameter; declare it in `parameters`, or correct the path: a close one is #{inspect(close)}"
+  end
+
+  defp shown(%Reference{path: path}), do: "param(#{inspect(path)})"
+
+  defp all(list, rule), do: Enum.find_value(list, :ok, &with(:ok <- rule.(&1), do: nil))
 
   defp typed(%{fields: %{type: _}}), do: :ok
 
@@ -119,11 +255,14 @@ defmodule BB.Dsl.Rules do
 
   defp of_kinds([], _schema), do: :ok
 
+  # What a parameter is, is known at the end.
+  defp of_kinds([{_field, %Reference{}} | rest], schema), do: of_kinds(rest, schema)
+
   defp of_kinds([{field, value} | rest], schema) do
     with {:ok, _value} <- cast(schema, field, value), do: of_kinds(rest, schema)
   end
 
-  defp ordered(%{lower: lower, upper: upper}) do
+  defp ordered(%{lower: %Unit{} = lower, upper: %Unit{} = upper}) do
     if Unit.compare(lower, upper) == :gt do
       {:error,
        "limit: lower #{Unit.to_string!(lower)} is above upper #{Unit.to_string!(upper)}; swap them"}
@@ -161,8 +300,13 @@ defmodule BB.Dsl.Rules do
   end
 
   defp the(:robot), do: "the robot itself"
-  defp the(kind) when kind in [:settings, :sensors, :topology, :dynamics], do: "#{kind}"
-  defp the(kind) when kind in [:origin, :axis], do: "an #{kind}"
+  defp the(:param), do: "a parameter"
+
+  defp the(kind)
+       when kind in [:settings, :parameters, :sensors, :controllers, :topology, :dynamics],
+       do: "#{kind}"
+
+  defp the(kind) when kind in [:origin, :axis, :actuator], do: "an #{kind}"
   defp the(kind), do: "a #{kind}"
 
   defp homes(word), do: Enum.map_join(Grammar.homes(word), " or ", &the/1)

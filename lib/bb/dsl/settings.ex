@@ -1,4 +1,6 @@
 defmodule BB.Dsl.Settings do
   @moduledoc "The words inside `settings`."
-  use BB.Dsl.Vocabulary, fields: [:name]
+
+  use BB.Dsl.Vocabulary,
+    fields: [:name, :parameter_store, :registry_module, :registry_options, :supervisor_module]
 end

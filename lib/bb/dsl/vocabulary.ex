@@ -98,6 +98,10 @@ defmodule BB.Dsl.Vocabulary do
   end
 
   defp import_words(BB.Unit), do: quote(do: import(BB.Unit, only: :sigils, warn: false))
+
+  defp import_words(BB.Parameter.Reference),
+    do: quote(do: import(BB.Parameter.Reference, only: [param: 1], warn: false))
+
   defp import_words(module), do: quote(do: import(unquote(module), warn: false))
 
   defp place(caller), do: %{file: caller.file, line: caller.line}

@@ -2,8 +2,8 @@ defmodule BB.Robot.Joint do
   @moduledoc """
   A joint, which connects a parent link with a child link.
 
-  `:origin`, `:axis`, `:limit` and `:dynamics` are maps of the fields as declared (quantities are `BB.Unit`), `nil` where
-  the declaration has none.
+  `:origin`, `:axis`, `:limit` and `:dynamics` are maps of the fields as declared (quantities are `BB.Unit`, what
+  follows a parameter is a `BB.Parameter.Reference`), `nil` where the declaration has none.
   """
 
   @enforce_keys [:name, :type, :parent_link, :child_link]
@@ -25,9 +25,9 @@ defmodule BB.Robot.Joint do
           type: :revolute | :continuous | :prismatic | :fixed,
           parent_link: atom(),
           child_link: atom(),
-          origin: %{atom() => BB.Unit.t()} | nil,
-          axis: %{atom() => number()} | nil,
-          limit: %{atom() => BB.Unit.t()} | nil,
+          origin: %{atom() => BB.Unit.t() | BB.Parameter.Reference.t()} | nil,
+          axis: %{atom() => number() | BB.Parameter.Reference.t()} | nil,
+          limit: %{atom() => BB.Unit.t() | BB.Parameter.Reference.t()} | nil,
           dynamics: %{atom() => number()} | nil,
           sensors: [atom()],
           actuators: [atom()]

@@ -31,10 +31,12 @@ defmodule BB.Supervisor.Part do
 
   @doc "Starts a part with all it carries."
   @spec start_link({module(), part()}) :: Supervisor.on_start()
-  def start_link({robot, part}), do: Supervisor.start_link(__MODULE__, {robot, part})
+  def start_link({robot, part}),
+    do: BB.Process.supervisor_module(robot).start_link(__MODULE__, {robot, part}, [])
 
   @impl Supervisor
   def init({robot, part}) do
+    if part == nil, do: BB.Safety.Warden.watch(robot, :topology)
     declared = robot.robot()
 
     components =

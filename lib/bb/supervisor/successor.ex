@@ -26,6 +26,10 @@ defmodule BB.Supervisor.Successor do
         await_end(pid)
         start_link(mfa, tries - 1)
 
+      {:error, {:already_started, pid}} ->
+        await_end(pid)
+        start_link(mfa, tries - 1)
+
       started ->
         started
     end

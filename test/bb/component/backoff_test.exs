@@ -8,25 +8,25 @@ defmodule BB.Component.BackoffTest do
 
   defp with_random(value), do: Backoff.new(random: fn -> value end)
 
-  defp delays(backoff, cause, count) do
+  defp delays(backoff, cause, count, init_ms \\ 0) do
     {delays, _backoff} =
-      Enum.map_reduce(1..count, backoff, fn _, backoff -> Backoff.next(backoff, cause) end)
+      Enum.map_reduce(1..count, backoff, fn _, backoff ->
+        Backoff.next(backoff, cause, init_ms)
+      end)
 
     delays
   end
 
-  test "a crash is retried after 100 ms, then after twice as long each time, up to 5 s" do
-    assert delays(with_random(1.0), :crash, 9) == [
-             100,
-             200,
-             400,
-             800,
-             1600,
-             3200,
-             5000,
-             5000,
-             5000
-           ]
+  test "a crash is retried after 100 ms, then after twice as long each time, up to 5 s where a start takes long" do
+    assert delays(with_random(1.0), :crash, 8, 10_000) ==
+             [100, 200, 400, 800, 1600, 3200, 5000, 5000]
+
+    assert delays(with_random(1.0), :crash, 6, 300) == [100, 200, 400, 800, 1200, 1200]
+  end
+
+  test "what starts at once is retried within 750 ms for ever, so that it is up within a second of its fault's end" do
+    assert delays(with_random(1.0), :crash, 6) == [100, 200, 400, 750, 750, 750]
+    assert delays(with_random(1.0), :crash, 1_000) |> Enum.max() == 750
   end
 
   test "an absent device is retried within 750 ms for ever" do
@@ -53,26 +53,27 @@ defmodule BB.Component.BackoffTest do
   test "a run shorter than four times the delay before it is not stable" do
     backoff =
       Enum.reduce(1..4, with_random(1.0), fn _, backoff ->
-        elem(Backoff.next(backoff, :crash), 1)
+        elem(Backoff.next(backoff, :crash, 1_000), 1)
       end)
 
-    assert {1600, _} = backoff |> Backoff.ran(3_199) |> Backoff.next(:crash)
-    assert {100, _} = backoff |> Backoff.ran(3_200) |> Backoff.next(:crash)
+    assert {1600, _} = backoff |> Backoff.ran(3_199) |> Backoff.next(:crash, 1_000)
+    assert {100, _} = backoff |> Backoff.ran(3_200) |> Backoff.next(:crash, 1_000)
   end
 
   property "every delay is between half of the longest and the longest, which doubles up to the cap",
     numtests: 300 do
-    event = oneof([:absent, :crash, {:ran, integer(0, 30_000)}])
+    event = oneof([:absent, {:crash, integer(0, 3_000)}, {:ran, integer(0, 30_000)}])
 
     forall events <- list(event) do
       Enum.reduce_while(events, {true, Backoff.new()}, fn
         {:ran, ms}, {true, backoff} ->
           {:cont, {true, Backoff.ran(backoff, ms)}}
 
-        cause, {true, backoff} ->
-          cap = %{absent: 750, crash: 5_000}[cause]
+        failure, {true, backoff} ->
+          {cause, init_ms} = with :absent <- failure, do: {:absent, 0}
+          cap = if cause == :absent, do: 750, else: min(max(4 * init_ms, 750), 5_000)
           longest = min(cap, 100 * 2 ** min(backoff.failures[cause], 10))
-          {delay, next} = Backoff.next(backoff, cause)
+          {delay, next} = Backoff.next(backoff, cause, init_ms)
           good? = delay >= div(longest, 2) and delay <= longest
           {if(good?, do: :cont, else: :halt), {good?, next}}
       end)
@@ -82,7 +83,7 @@ defmodule BB.Component.BackoffTest do
 
   property "no number of failures in a row makes a delay longer than the cap", numtests: 50 do
     forall count <- integer(1, 2_000) do
-      Enum.max(delays(Backoff.new(), :crash, count)) <= 5_000 and
+      Enum.max(delays(Backoff.new(), :crash, count, 2_000)) <= 5_000 and
         Enum.max(delays(Backoff.new(), :absent, count)) <= 750
     end
   end

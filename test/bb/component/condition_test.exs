@@ -19,7 +19,7 @@ defmodule BB.Component.ConditionTest do
     assert %{state: :backoff, reason: :oops, retry_in_ms: 100, since_ns: 2} = condition
 
     assert %{state: :backoff, restarts: 1, retry_in_ms: nil, reason: :oops} =
-             condition = Condition.restarted(condition)
+             condition = Condition.restarted(condition, 2)
 
     assert %{state: :up, reason: nil, restarts: 1, since_ns: 3} = Condition.up(condition, 3)
   end
@@ -27,6 +27,23 @@ defmodule BB.Component.ConditionTest do
   test "going down again for another reason keeps the time at which it went down" do
     condition = new() |> Condition.down(:absent, :a, 1) |> Condition.down(:absent, :b, 2)
     assert %{since_ns: 1, reason: :b, retry_in_ms: 200} = condition
+  end
+
+  test "what is slow to start and crashes is tried again less often" do
+    up = fn condition, init_ns -> Condition.up(condition, condition.started_ns + init_ns) end
+
+    crashed = fn init_ns ->
+      Enum.reduce(1..9, new(), fn _, condition ->
+        condition
+        |> Condition.restarted(condition.since_ns)
+        |> up.(init_ns)
+        |> then(&Condition.down(&1, :crash, :a, &1.since_ns))
+      end)
+    end
+
+    assert crashed.(0).retry_in_ms == 750
+    assert crashed.(@second).retry_in_ms == 4_000
+    assert crashed.(60 * @second).retry_in_ms == 5_000
   end
 
   test "the time in which init ran is no stable run" do

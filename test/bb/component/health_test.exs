@@ -1,6 +1,8 @@
 defmodule BB.Component.HealthTest do
   use ExUnit.Case, async: true
 
+  import BB.Test.Eventually
+  import BB.Test.Robot, only: [health: 2]
   import BB.Test.Watch
 
   alias BB.Test.Probe
@@ -24,6 +26,16 @@ defmodule BB.Component.HealthTest do
 
       assert imu.pid == pid(robot, :imu)
       assert since <= System.monotonic_time(:nanosecond)
+    end
+
+    test "tells the last error of a sensor also when it is up again" do
+      robot = start_up(one_of_three())
+      assert %{last_error: nil} = health(robot, :imu)
+      imu(robot, handle_cast: fn :stop, state -> {:stop, :unplugged, state} end)
+      BB.cast(robot, :imu, :stop)
+      assert_status(robot, :imu, %{state: :backoff})
+      assert eventually(fn -> health(robot, :imu).state == :up end)
+      assert %{reason: nil, last_error: :unplugged} = health(robot, :imu)
     end
 
     test "of a robot that is not started raises" do

@@ -294,7 +294,7 @@ defmodule BB.Component.KeeperTest do
 
     test "passed makes a sensor stale, with an alarm, until its next message" do
       robot = speaking(silent_robot())
-      start_watched(robot)
+      start_watched(robot, replay: true)
       assert_status(robot, :imu, %{state: :stale, reason: {:silent, 100}, retry_in_ms: nil})
       before = pid(robot, :imu)
       assert alarm(robot, [:base, :imu]) == %{state: :stale, reason: {:silent, 100}}
@@ -322,14 +322,14 @@ defmodule BB.Component.KeeperTest do
 
     test "is none of another sensor's" do
       robot = silent_robot()
-      start_watched(robot)
+      start_watched(robot, replay: true)
       assert_status(robot, :imu, %{state: :stale})
       assert %{state: :up} = health(robot, :second)
     end
 
     test "counts from when the sensor is up again" do
       robot = speaking(silent_robot())
-      start_watched(robot)
+      start_watched(robot, replay: true)
       assert_status(robot, :imu, %{state: :stale})
       Process.exit(pid(robot, :imu), :kill)
       assert_status(robot, :imu, %{state: :backoff, reason: :killed})

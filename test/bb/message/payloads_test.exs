@@ -3,8 +3,11 @@ defmodule BB.Message.PayloadsTest do
 
   alias BB.Math.{Quaternion, Transform, Vec3}
   alias BB.Message
-  alias BB.Message.{Geometry, Sensor}
+  alias BB.Message.{Actuator, Estimator, Geometry, Sensor}
+  alias BB.Message.Actuator.Command
   alias BB.Message.Vision.{TagDetection, TagDetections}
+
+  doctest BB.Message.Actuator.Command.Trajectory
 
   @detection %TagDetection{
     family: "tag36h11",
@@ -70,6 +73,25 @@ defmodule BB.Message.PayloadsTest do
     {Geometry.Wrench, [force: Vec3.zero(), torque: Vec3.zero()], []},
     {Geometry.Twist2D, [vx: 1.0, vy: 0.0, omega: 0.0], []},
     {Geometry.Wrench2D, [fx: 1.0, fy: 0.0, tau: 0.0], []},
+    {Estimator.Pose, [transform: Transform.identity()], [covariance: nil]},
+    {Estimator.Odometry,
+     [
+       pose: Transform.identity(),
+       twist: %Geometry.Twist{linear: Vec3.zero(), angular: Vec3.zero()}
+     ], [child_frame_id: nil, pose_covariance: nil, twist_covariance: nil]},
+    {Actuator.BeginMotion,
+     [initial_position: 0.0, target_position: 1.57, expected_arrival: -1_000],
+     [command_id: nil, command_type: nil, acceleration: nil, peak_velocity: nil]},
+    {Actuator.EndMotion, [position: 1.57, reason: :completed],
+     [detail: nil, message: nil, command_id: nil]},
+    {Command.Position, [position: 1.57], [velocity: nil, duration: nil, command_id: nil]},
+    {Command.Velocity, [velocity: -0.5], [duration: nil, command_id: nil]},
+    {Command.Effort, [effort: 2.0], [duration: nil, command_id: nil]},
+    {Command.Trajectory,
+     [waypoints: [[position: 0.0, velocity: 0.1, acceleration: 0.2, time_from_start: 0]]],
+     [repeat: 1, command_id: nil]},
+    {Command.Hold, [], [command_id: nil]},
+    {Command.Stop, [], [mode: :immediate, command_id: nil]},
     {TagDetections, [frame_sequence: 3, capture_time: -5, detections: [@detection]],
      [camera_frame_id: nil, image_width: nil, image_height: nil, angular_speed: nil]}
   ]
@@ -129,6 +151,27 @@ defmodule BB.Message.PayloadsTest do
   test "an Image's sizes are not negative and its encoding is known" do
     assert message(Sensor.Image, step: -1) =~ "expected non negative integer, got: -1"
     assert message(Sensor.Image, encoding: :jpeg) =~ "expected one of [:rgb8, "
+  end
+
+  test "commands and motions refuse what they do not know" do
+    assert message(Command.Stop, mode: :slowly) =~
+             "expected one of [:immediate, :decelerate], got: :slowly"
+
+    assert message(Command.Position, position: 1) =~ "expected float, got: 1"
+    assert message(Command.Velocity, duration: 0) =~ "expected"
+    assert message(Actuator.EndMotion, reason: :tired) =~ "expected one of [:completed, "
+
+    assert message(Command.Trajectory, waypoints: [[position: 0.0]]) =~
+             "required :velocity option not found, received options: [:position]"
+  end
+
+  test "estimates have covariances of six" do
+    covariance = BB.Math.Covariance6.identity()
+
+    assert {:ok, %{payload: %{covariance: ^covariance}}} =
+             Estimator.Pose.new(:f, transform: Transform.identity(), covariance: covariance)
+
+    assert message(Estimator.Odometry, pose_covariance: BB.Math.Covariance3.zero()) =~ "expected"
   end
 
   test "a wrong element of a JointState is reported by its place" do

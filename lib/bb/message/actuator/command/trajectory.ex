@@ -1,0 +1,66 @@
+defmodule BB.Message.Actuator.Command.Trajectory do
+  @moduledoc """
+  Follow waypoints: be at a position, with a velocity and an acceleration, at a time after the start.
+
+      iex> {:ok, message} = BB.Message.Actuator.Command.Trajectory.new(:shoulder, waypoints: [
+      ...>   [position: 0.0, velocity: 0.0, acceleration: 0.0, time_from_start: 0],
+      ...>   [position: 1.57, velocity: 0.0, acceleration: 0.0, time_from_start: 1_000]
+      ...> ])
+      iex> message.payload.repeat
+      1
+  """
+
+  @waypoint BB.Options.new!(
+              position: [type: :float, required: true, doc: "In rad, or m of a prismatic joint."],
+              velocity: [type: :float, required: true, doc: "In rad/s or m/s."],
+              acceleration: [type: :float, required: true, doc: "In rad/s² or m/s²."],
+              time_from_start: [
+                type: :non_neg_integer,
+                required: true,
+                doc: "In milliseconds."
+              ]
+            )
+
+  defstruct [:waypoints, :command_id, repeat: 1]
+
+  @type waypoint :: [
+          position: float(),
+          velocity: float(),
+          acceleration: float(),
+          time_from_start: non_neg_integer()
+        ]
+
+  @type t :: %__MODULE__{
+          waypoints: [waypoint()],
+          repeat: pos_integer() | :forever,
+          command_id: reference() | nil
+        }
+
+  use BB.Message,
+    schema: [
+      waypoints: [
+        type: {:list, {:custom, __MODULE__, :check_waypoint, []}},
+        required: true,
+        type_doc: "list of `t:keyword/0`",
+        doc: "In the order of their times, each with:\n\n" <> BB.Options.docs(@waypoint)
+      ],
+      repeat: [
+        type: {:or, [:pos_integer, {:literal, :forever}]},
+        default: 1,
+        doc: "How often."
+      ],
+      command_id: [
+        type: {:or, [:reference, nil]},
+        default: nil,
+        doc: "Comes back in the messages about the motion that it causes."
+      ]
+    ]
+
+  @doc false
+  def check_waypoint(waypoint) do
+    case BB.Options.validate(waypoint, @waypoint) do
+      {:ok, waypoint} -> {:ok, waypoint}
+      {:error, error} -> {:error, Exception.message(error)}
+    end
+  end
+end

@@ -1,0 +1,207 @@
+defmodule BB.Parameter.Owner do
+  @moduledoc """
+  Writes a robot's parameters, one request after the other.
+
+  A request is checked as a whole. Then all its values stand in the table at the same moment, `BB.Parameter.Changed` is published
+  for each, each watcher hears once of those that it watches, and the store has them before the caller has its reply.
+  """
+
+  use GenServer
+
+  require Logger
+
+  alias BB.{Message, PubSub}
+  alias BB.Parameter.{Changed, Definition, Persistence, Startup, Table}
+
+  @enforce_keys [:robot, :given, :store, :persisted]
+  defstruct [:robot, :given, :store, :persisted, watchers: %{}]
+
+  @doc false
+  def start_link({robot, given}),
+    do: GenServer.start_link(__MODULE__, {robot, given}, name: name(robot))
+
+  @doc "Makes a request of a robot's owner. Raises `ArgumentError` when the robot is not started."
+  @spec call(module(), term(), timeout()) :: term()
+  def call(robot, request, timeout \\ 5_000) do
+    case Process.whereis(name(robot)) do
+      nil -> Table.not_started!(robot)
+      pid -> GenServer.call(pid, request, timeout)
+    end
+  end
+
+  defp name(robot), do: Module.concat(robot, ParameterOwner)
+
+  @impl GenServer
+  def init({robot, given}) do
+    # For the store's sake: it is closed in terminate/2.
+    Process.flag(:trap_exit, true)
+    {store, persisted} = Persistence.open(robot)
+    owner = %__MODULE__{robot: robot, given: given, store: store, persisted: persisted}
+
+    # What is there already was left by an owner that crashed, and is newer than what was declared.
+    missing = Enum.reject(robot.robot().parameters, &known?(owner, &1.path))
+    introduce(owner, missing)
+    {:ok, Enum.reduce(Table.watches(robot), owner, &follow/2)}
+  end
+
+  @impl GenServer
+  def handle_call({:set, changes}, _from, owner) do
+    case check(owner, changes) do
+      {:ok, values} -> {:reply, :ok, set(owner, values)}
+      {:error, errors} -> {:reply, {:error, errors}, owner}
+    end
+  end
+
+  def handle_call({:register, path, definitions}, _from, owner) do
+    {:reply, register(owner, path, definitions), owner}
+  end
+
+  def handle_call({:watch, ref, pid, paths}, _from, owner) do
+    case Enum.reject(paths, &known?(owner, &1)) do
+      [] ->
+        watch = {ref, pid, paths}
+        Table.put_watch(owner.robot, watch)
+        {:reply, {:ok, Map.new(paths, &{&1, value!(owner, &1)})}, follow(watch, owner)}
+
+      [path | _] ->
+        {:reply, {:error, {:unregistered_parameter, path}}, owner}
+    end
+  end
+
+  @impl GenServer
+  def handle_info({:DOWN, monitor, :process, _pid, _reason}, owner) do
+    {ref, watchers} = Map.pop(owner.watchers, monitor)
+    if ref, do: Table.delete_watch(owner.robot, ref)
+    {:noreply, %{owner | watchers: watchers}}
+  end
+
+  def handle_info(_message, owner), do: {:noreply, owner}
+
+  @impl GenServer
+  def terminate(_reason, owner), do: Persistence.close(owner.store)
+
+  # Setting
+
+  defp check(owner, changes) do
+    checked = for {path, value} <- changes, do: {path, cast(owner, path, value)}
+
+    case for {path, {:error, reason}} <- checked, do: {path, reason} do
+      [] -> {:ok, Map.new(checked, fn {path, {:ok, value}} -> {path, value} end)}
+      errors -> {:error, errors}
+    end
+  end
+
+  defp cast(owner, path, value) do
+    case Table.fetch_definition(owner.robot, path) do
+      {:ok, definition} -> Definition.cast(definition, value)
+      :error -> {:error, no_parameter(owner, path)}
+    end
+  end
+
+  defp no_parameter(owner, path) do
+    above = Enum.drop(path, -1)
+    group? = Enum.any?(Table.definitions(owner.robot), &(Enum.drop(&1.path, -1) == above))
+
+    if group?,
+      do: {:unknown_parameter, List.last(path)},
+      else: {:unregistered_parameter, path}
+  end
+
+  defp set(owner, values) do
+    old = Map.new(values, fn {path, _value} -> {path, value!(owner, path)} end)
+    Table.put_values(owner.robot, values)
+    for {path, value} <- values, do: publish(owner, path, old[path], value, :local)
+    for watch <- Table.watches(owner.robot), do: notify(watch, values)
+    Persistence.save(owner.store, values)
+    %{owner | persisted: Map.merge(owner.persisted, values)}
+  end
+
+  defp notify({ref, pid, paths}, values) do
+    case Map.take(values, paths) do
+      none when none == %{} -> :ok
+      watched -> send(pid, {BB.Parameter, ref, watched})
+    end
+  end
+
+  defp publish(owner, path, old, new, source) do
+    {:ok, message} =
+      Message.new(Changed, :parameter,
+        path: path,
+        old_value: old,
+        new_value: new,
+        source: source
+      )
+
+    PubSub.publish(owner.robot, [:param | path], message)
+  rescue
+    # The bus is being restarted, and nobody is subscribed to it.
+    ArgumentError -> :ok
+  end
+
+  # New parameters, of the robot's declaration or registered
+
+  defp introduce(owner, definitions) do
+    started = for definition <- definitions, do: {definition, start_value(owner, definition)}
+    values = for {definition, {value, _source}} <- started, do: {definition.path, value}
+    Table.put_values(owner.robot, values)
+    Table.put_definitions(owner.robot, definitions)
+
+    for {definition, {value, source}} <- started,
+        do: publish(owner, definition.path, nil, value, source)
+
+    :ok
+  end
+
+  defp start_value(owner, definition) do
+    {value, source, error} = Startup.value(definition, owner.persisted, owner.given)
+
+    if error do
+      Logger.warning(
+        "#{inspect(owner.robot)}: the persisted value of parameter #{inspect(definition.path)} is dropped: #{Exception.message(error)}"
+      )
+    end
+
+    {value, source}
+  end
+
+  defp register(owner, path, definitions) do
+    there = Table.definitions(owner.robot)
+    registrant = for definition <- definitions, uniq: true, do: definition.registrant
+    {own, others} = Enum.split_with(there, &(&1.registrant in registrant))
+
+    case Enum.find(definitions, fn new -> Enum.any?(others, &collide?(new.path, &1.path)) end) do
+      nil -> replace(owner, own, definitions)
+      _clash -> {:error, {:already_registered, path}}
+    end
+  end
+
+  defp collide?(a, b), do: List.starts_with?(a, b) or List.starts_with?(b, a)
+
+  defp replace(owner, old, new) do
+    {kept, fresh} = Enum.split_with(new, &fits?(owner, &1))
+    Table.put_definitions(owner.robot, kept)
+    introduce(owner, fresh)
+
+    for %{path: path} <- old,
+        path not in Enum.map(new, & &1.path),
+        do: Table.delete(owner.robot, path)
+
+    :ok
+  end
+
+  defp fits?(owner, definition) do
+    with {:ok, value} <- Table.fetch(owner.robot, definition.path),
+         do: match?({:ok, ^value}, Definition.cast(definition, value)),
+         else: (:error -> false)
+  end
+
+  defp known?(owner, path), do: match?({:ok, _}, Table.fetch_definition(owner.robot, path))
+
+  defp value!(owner, path) do
+    {:ok, value} = Table.fetch(owner.robot, path)
+    value
+  end
+
+  defp follow({ref, pid, _paths}, owner),
+    do: %{owner | watchers: Map.put(owner.watchers, Process.monitor(pid), ref)}
+end

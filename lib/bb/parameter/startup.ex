@@ -1,0 +1,106 @@
+defmodule BB.Parameter.Startup do
+  @moduledoc """
+  The values with which a robot starts: default < persisted < `start_link(params: …)`. Pure.
+  """
+
+  alias BB.Options.ValidationError
+  alias BB.Parameter.{Changed, Definition}
+
+  @type values :: %{BB.Parameter.path() => term()}
+
+  @doc """
+  The values of `params:`, a keyword list nested as the parameters are, by path; or the error of the first that is wrong.
+  """
+  @spec given([Definition.t()], keyword()) :: {:ok, values()} | {:error, ValidationError.t()}
+  def given(definitions, params) do
+    definitions = Map.new(definitions, &{&1.path, &1})
+
+    with {:error, error} <- level(params, [], definitions, %{}),
+         do: {:error, %{error | keys_path: [:params | error.keys_path]}}
+  end
+
+  @doc "The value of a definition and where it is from, and the error of its persisted value where that is bad."
+  @spec value(Definition.t(), persisted :: values(), given :: values()) ::
+          {term(), Changed.source(), ValidationError.t() | nil}
+  def value(%Definition{path: path} = definition, persisted, given) do
+    {value, source, error} = kept(definition, Map.fetch(persisted, path))
+
+    case given do
+      %{^path => value} -> {value, :startup, error}
+      _ -> {value, source, error}
+    end
+  end
+
+  defp kept(definition, :error), do: {definition.default, :init, nil}
+
+  defp kept(definition, {:ok, value}) do
+    case safe_cast(definition, value) do
+      {:ok, value} -> {value, :persisted, nil}
+      {:error, error} -> {definition.default, :init, error}
+    end
+  end
+
+  # A store may hold anything, structs of another version for one.
+  defp safe_cast(definition, value) do
+    Definition.cast(definition, value)
+  rescue
+    error -> {:error, error}
+  end
+
+  defp level([], _path, _definitions, values), do: {:ok, values}
+
+  defp level([{key, value} | rest], above, definitions, values) do
+    with {:ok, values} <- one(value, above ++ [key], definitions, values),
+         do: level(rest, above, definitions, values)
+  end
+
+  defp one(value, path, definitions, values) do
+    case definitions do
+      %{^path => definition} ->
+        with {:ok, value} <- Definition.cast(definition, value),
+             do: {:ok, Map.put(values, path, value)}
+
+      _ ->
+        group(value, path, definitions, values)
+    end
+  end
+
+  defp group(value, path, definitions, values) do
+    cond do
+      below(path, definitions) == [] -> {:error, unknown(path, definitions)}
+      Keyword.keyword?(value) -> level(value, path, definitions, values)
+      true -> {:error, no_group(path, value)}
+    end
+  end
+
+  defp below(path, definitions) do
+    for {other, _definition} <- definitions,
+        List.starts_with?(other, path),
+        name = Enum.at(other, length(path)),
+        uniq: true,
+        do: name
+  end
+
+  defp unknown(path, definitions) do
+    {above, [key]} = Enum.split(path, -1)
+
+    %ValidationError{
+      key: [key],
+      keys_path: above,
+      message:
+        "unknown options #{inspect([key])}, valid options are: #{inspect(Enum.sort(below(above, definitions)))}"
+    }
+  end
+
+  defp no_group(path, value) do
+    {above, [key]} = Enum.split(path, -1)
+
+    %ValidationError{
+      key: key,
+      value: value,
+      keys_path: above,
+      message:
+        "invalid value for #{inspect(key)} option: expected keyword list, got: #{inspect(value)}"
+    }
+  end
+end

@@ -1,0 +1,26 @@
+defmodule BB.Safety.Latch do
+  @moduledoc """
+  Holds the end of a robot that is stopped until it is disarmed.
+
+  It stands in the robot's root supervisor before the topology, and so is stopped after it: when `Supervisor.stop/1` returns, or
+  the machine goes down, no component runs any more and every `disarm/1` is done.
+  """
+
+  use GenServer, shutdown: :infinity
+
+  alias BB.Safety.Warden
+
+  @doc "Starts the latch of a robot."
+  @spec start_link(module()) :: GenServer.on_start()
+  def start_link(robot), do: GenServer.start_link(__MODULE__, robot)
+
+  @impl GenServer
+  def init(robot) do
+    Process.flag(:trap_exit, true)
+    {:ok, robot}
+  end
+
+  @impl GenServer
+  def terminate(:shutdown, robot), do: Warden.secure(robot)
+  def terminate(_reason, _robot), do: :ok
+end

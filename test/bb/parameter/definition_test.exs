@@ -1,0 +1,5 @@
+defmodule BB.Parameter.DefinitionTest do
+  use ExUnit.Case, async: true
+
+  doctest BB.Parameter.Definition
+end

@@ -1,0 +1,5 @@
+defmodule BB.Parameter.ReferenceTest do
+  use ExUnit.Case, async: true
+
+  doctest BB.Parameter.Reference
+end

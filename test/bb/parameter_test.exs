@@ -1,0 +1,586 @@
+defmodule BB.ParameterTest do
+  use ExUnit.Case, async: true
+  use BB.Test.Prop
+
+  import BB.Test.Eventually
+  import BB.Test.Robot
+  import BB.Unit, only: :sigils
+  import ExUnit.CaptureLog
+
+  alias BB.Options.ValidationError
+  alias BB.Parameter
+  alias BB.Parameter.Changed
+  alias BB.Test.FlakyStore
+
+  defp tunable do
+    robot do
+      settings do
+        parameter_store BB.Test.FlakyStore
+      end
+
+      parameters do
+        param :debug, type: :boolean, default: false, doc: "Whether to say more."
+
+        group :imu do
+          param :rate,
+            type: {:unit, :hertz},
+            default: ~u(100 hertz),
+            min: ~u(1 hertz),
+            max: ~u(1 kilohertz)
+
+          group :filter do
+            param :gain, type: :float, default: 0.5, min: 0, max: 1
+          end
+        end
+
+        param :note, type: :string
+      end
+    end
+  end
+
+  defp start_tunable(opts \\ []) do
+    robot = tunable()
+    start_supervised!({robot, opts})
+    robot
+  end
+
+  defmacrop assert_changed(robot, path, changed) do
+    quote do
+      assert_receive {:bb, [:param | unquote(path)],
+                      %BB.Message{
+                        robot: ^unquote(robot),
+                        frame_id: :parameter,
+                        payload: %Changed{path: unquote(path)} = unquote(changed)
+                      }},
+                     5_000
+    end
+  end
+
+  describe "get" do
+    test "returns {:ok, value} or {:error, :not_found}" do
+      robot = start_tunable()
+      assert Parameter.get(robot, [:debug]) == {:ok, false}
+      assert Parameter.get(robot, [:imu, :rate]) == {:ok, ~u(100 hertz)}
+      assert Parameter.get(robot, [:imu, :filter, :gain]) == {:ok, 0.5}
+      assert Parameter.get(robot, [:imu]) == {:error, :not_found}
+      assert Parameter.get(robot, [:nope]) == {:error, :not_found}
+    end
+
+    test "of a parameter without a default is nil until it is set" do
+      robot = start_tunable()
+      assert Parameter.get(robot, [:note]) == {:ok, nil}
+      assert Parameter.set(robot, [:note], "x") == :ok
+      assert Parameter.get(robot, [:note]) == {:ok, "x"}
+    end
+
+    test "reads ETS, no process" do
+      robot = start_tunable()
+      for name <- [Parameters, ParameterOwner], do: suspend(robot, name)
+      assert Parameter.get(robot, [:debug]) == {:ok, false}
+      assert Parameter.get!(robot, [:debug]) == false
+      assert [_ | _] = Parameter.list(robot)
+      for name <- [Parameters, ParameterOwner], do: :sys.resume(Module.concat(robot, name))
+    end
+
+    defp suspend(robot, name), do: :sys.suspend(Module.concat(robot, name))
+
+    test "with a ! returns the value or raises" do
+      robot = start_tunable()
+      assert Parameter.get!(robot, [:debug]) == false
+
+      assert_raise ArgumentError, "#{inspect(robot)} has no parameter [:nope]", fn ->
+        Parameter.get!(robot, [:nope])
+      end
+    end
+
+    test "raises ArgumentError when the robot is not started, as all functions do" do
+      robot = tunable()
+
+      for call <- [
+            fn -> Parameter.get(robot, [:debug]) end,
+            fn -> Parameter.get!(robot, [:debug]) end,
+            fn -> Parameter.list(robot) end,
+            fn -> Parameter.set(robot, [:debug], true) end,
+            fn -> Parameter.watch(robot, [[:debug]]) end
+          ] do
+        assert_raise ArgumentError, ~r/is not started/, call
+      end
+    end
+  end
+
+  describe "set" do
+    test "returns :ok and changes the value" do
+      robot = start_tunable()
+      assert Parameter.set(robot, [:debug], true) == :ok
+      assert Parameter.get(robot, [:debug]) == {:ok, true}
+    end
+
+    test "converts a unit to the parameter's own" do
+      robot = start_tunable()
+      assert Parameter.set(robot, [:imu, :rate], ~u(0.2 kilohertz)) == :ok
+      assert %BB.Unit{name: "hertz", value: value} = Parameter.get!(robot, [:imu, :rate])
+      assert_in_delta value, 200, 1.0e-9
+    end
+
+    test "of an unknown name in a group is {:error, {:unknown_parameter, name}}" do
+      robot = start_tunable()
+      assert Parameter.set(robot, [:imu, :rtae], 1) == {:error, {:unknown_parameter, :rtae}}
+      assert Parameter.set(robot, [:dbug], 1) == {:error, {:unknown_parameter, :dbug}}
+    end
+
+    test "anywhere else is {:error, {:unregistered_parameter, path}}" do
+      robot = start_tunable()
+
+      for path <- [[:arm, :gain], [:imu, :rate, :x]],
+          do: assert(Parameter.set(robot, path, 1) == {:error, {:unregistered_parameter, path}})
+    end
+
+    test "of a value that does not fit is {:error, %ValidationError{}} and changes nothing" do
+      robot = start_tunable()
+      {:ok, _} = BB.subscribe(robot, [:param])
+
+      for {path, value, message} <- [
+            {[:debug], 1, "invalid value for :debug option: expected boolean, got: 1"},
+            {[:imu, :rate], ~u(2 kilohertz),
+             "invalid value for :rate option: expected at most ~u(1 kilohertz), got: ~u(2000 hertz) (in options [:imu])"},
+            {[:imu, :filter, :gain], 1,
+             "invalid value for :gain option: expected float, got: 1 (in options [:imu, :filter])"},
+            {[:imu, :filter, :gain], -0.1,
+             "invalid value for :gain option: expected at least 0, got: -0.1 (in options [:imu, :filter])"}
+          ] do
+        before = Parameter.get!(robot, path)
+        assert {:error, %ValidationError{} = error} = Parameter.set(robot, path, value)
+        assert Exception.message(error) == message
+        assert Parameter.get!(robot, path) == before
+      end
+
+      refute_received {:bb, [:param | _], _}
+    end
+
+    test "publishes Changed on [:param | path] with frame_id :parameter, also when the value is the old one" do
+      robot = start_tunable()
+      {:ok, _} = BB.subscribe(robot, [:param])
+      :ok = Parameter.set(robot, [:debug], true)
+      assert_changed(robot, [:debug], %{old_value: false, new_value: true, source: :local})
+      :ok = Parameter.set(robot, [:debug], true)
+      assert_changed(robot, [:debug], %{old_value: true, new_value: true, source: :local})
+    end
+
+    test "is heard by who subscribes late with replay, and so is what a parameter started with" do
+      robot = start_tunable(params: [debug: true])
+      :ok = Parameter.set(robot, [:imu, :filter, :gain], 0.75)
+      {:ok, _} = BB.subscribe(robot, [:param], replay: true)
+      assert_changed(robot, [:debug], %{old_value: nil, new_value: true, source: :startup})
+      assert_changed(robot, [:imu, :rate], %{new_value: ~u(100 hertz), source: :init})
+      assert_changed(robot, [:imu, :filter, :gain], %{old_value: 0.5, new_value: 0.75})
+      assert %{payload: %Changed{new_value: true}} = BB.PubSub.last(robot, [:param, :debug])
+    end
+
+    test "is visible to get before Changed is published" do
+      robot = start_tunable()
+      test = self()
+
+      reader =
+        spawn_link(fn ->
+          {:ok, _} = BB.subscribe(robot, [:param, :imu, :filter, :gain])
+          send(test, :ready)
+          read(robot, test)
+        end)
+
+      assert_receive :ready, 5_000
+      for n <- 1..200, do: :ok = Parameter.set(robot, [:imu, :filter, :gain], n / 200)
+      send(reader, :done)
+      assert_receive {:stale, []}, 5_000
+    end
+
+    # Values only grow, so one that is read below the one announced is an old one.
+    defp read(robot, test, stale \\ []) do
+      receive do
+        {:bb, _path, %{payload: %{new_value: announced}}} ->
+          got = Parameter.get!(robot, [:imu, :filter, :gain])
+          read(robot, test, if(got < announced, do: [{got, announced} | stale], else: stale))
+
+        :done ->
+          send(test, {:stale, stale})
+      end
+    end
+  end
+
+  describe "set_many" do
+    test "sets all" do
+      robot = start_tunable()
+      {:ok, _} = BB.subscribe(robot, [:param])
+      assert Parameter.set_many(robot, [{[:debug], true}, {[:imu, :filter, :gain], 1.0}]) == :ok
+      assert Parameter.get!(robot, [:debug])
+      assert Parameter.get!(robot, [:imu, :filter, :gain]) == 1.0
+      assert_changed(robot, [:debug], %{source: :local})
+      assert_changed(robot, [:imu, :filter, :gain], %{old_value: 0.5, new_value: 1.0})
+    end
+
+    test "or nothing, and returns {:error, [{path, reason}]} for all that are wrong" do
+      robot = start_tunable()
+      {:ok, _} = BB.subscribe(robot, [:param])
+
+      assert {:error,
+              [{[:imu, :rate], %ValidationError{}}, {[:imu, :x], {:unknown_parameter, :x}}]} =
+               Parameter.set_many(robot, [{[:debug], true}, {[:imu, :rate], 1}, {[:imu, :x], 1}])
+
+      assert Parameter.get!(robot, [:debug]) == false
+      refute_received {:bb, [:param | _], _}
+      assert FlakyStore.all(robot) == %{}
+    end
+
+    test "takes a map too, and raises for what is no path and value" do
+      robot = start_tunable()
+      assert Parameter.set_many(robot, %{[:debug] => true}) == :ok
+
+      assert_raise ArgumentError, ~r/what is set is {path, value}/, fn ->
+        Parameter.set_many(robot, debug: true)
+      end
+
+      assert_raise ArgumentError, fn -> Parameter.set(robot, [], true) end
+    end
+
+    test "is one moment for those who watch" do
+      robot = start_tunable()
+      gain = [:imu, :filter, :gain]
+      assert {:ok, ref, values} = Parameter.watch(robot, [[:debug], gain])
+      assert values == %{[:debug] => false, gain => 0.5}
+      :ok = Parameter.set_many(robot, [{[:debug], true}, {gain, 1.0}, {[:note], "x"}])
+      :ok = Parameter.set(robot, [:note], "y")
+      :ok = Parameter.set(robot, gain, 0.0)
+      assert_receive {Parameter, ^ref, %{[:debug] => true, ^gain => 1.0} = both}
+      assert map_size(both) == 2
+      assert_receive {Parameter, ^ref, %{^gain => 0.0}}
+      refute_received {Parameter, ^ref, _}
+
+      assert Parameter.watch(robot, [[:nope]]) == {:error, {:unregistered_parameter, [:nope]}}
+    end
+  end
+
+  describe "list" do
+    test "returns [{path, %{value, type, min, max, doc, default}}] below a prefix" do
+      robot = start_tunable()
+      :ok = Parameter.set(robot, [:imu, :rate], ~u(50 hertz))
+
+      assert Parameter.list(robot, prefix: [:imu]) == [
+               {[:imu, :filter, :gain],
+                %{value: 0.5, type: :float, min: 0, max: 1, doc: nil, default: 0.5}},
+               {[:imu, :rate],
+                %{
+                  value: ~u(50 hertz),
+                  type: {:unit, :hertz},
+                  min: ~u(1 hertz),
+                  max: ~u(1 kilohertz),
+                  doc: nil,
+                  default: ~u(100 hertz)
+                }}
+             ]
+
+      assert [{[:debug], %{doc: "Whether to say more."}}] =
+               Parameter.list(robot, prefix: [:debug])
+
+      assert Parameter.list(robot, prefix: [:nope]) == []
+      assert length(Parameter.list(robot)) == 4
+    end
+  end
+
+  defmodule Arm do
+    @behaviour BB.Parameter
+    @impl BB.Parameter
+    def param_schema, do: [gain: [type: :float, default: 1.0, max: 2.0], name: [type: :atom]]
+  end
+
+  defmodule WrongArm do
+    def param_schema, do: [gain: [type: :float, default: 1]]
+  end
+
+  describe "register" do
+    test "adds the parameters of a module below a path" do
+      robot = start_tunable()
+      {:ok, _} = BB.subscribe(robot, [:param])
+
+      assert Parameter.set(robot, [:arm, :gain], 1.5) ==
+               {:error, {:unregistered_parameter, [:arm, :gain]}}
+
+      assert Parameter.register(robot, [:arm], Arm) == :ok
+      assert_changed(robot, [:arm, :gain], %{old_value: nil, new_value: 1.0, source: :init})
+      assert Parameter.get(robot, [:arm, :gain]) == {:ok, 1.0}
+      assert Parameter.set(robot, [:arm, :gain], 1.5) == :ok
+      assert {:error, %ValidationError{}} = Parameter.set(robot, [:arm, :gain], 2.5)
+      assert Parameter.set(robot, [:arm, :gian], 1.5) == {:error, {:unknown_parameter, :gian}}
+    end
+
+    test "again keeps the values" do
+      robot = start_tunable()
+      :ok = Parameter.register(robot, [:arm], Arm)
+      :ok = Parameter.set(robot, [:arm, :gain], 1.5)
+      assert Parameter.register(robot, [:arm], Arm) == :ok
+      assert Parameter.get(robot, [:arm, :gain]) == {:ok, 1.5}
+    end
+
+    test "takes persisted values" do
+      robot = tunable()
+      FlakyStore.put(robot, [:arm, :gain], 0.25)
+      start_supervised!(robot)
+      :ok = Parameter.register(robot, [:arm], Arm)
+      assert Parameter.get(robot, [:arm, :gain]) == {:ok, 0.25}
+    end
+
+    test "over a parameter of another origin is {:error, {:already_registered, path}}" do
+      robot = start_tunable()
+      :ok = Parameter.register(robot, [:arm], Arm)
+
+      for path <- [[:debug], [:arm, :gain]],
+          do:
+            assert(Parameter.register(robot, path, Arm) == {:error, {:already_registered, path}})
+
+      assert Parameter.get(robot, [:debug]) == {:ok, false}
+    end
+
+    test "raises for a module without a schema or with a wrong one" do
+      robot = start_tunable()
+
+      assert_raise ArgumentError, ~r/param_schema/, fn ->
+        Parameter.register(robot, [:a], String)
+      end
+
+      assert_raise ArgumentError,
+                   "parameter [:a, :gain]: default: expected float, got: 1",
+                   fn -> Parameter.register(robot, [:a], WrongArm) end
+    end
+  end
+
+  describe "at the start" do
+    test "the DSL's default gives way to the persisted value, and that to start_link(params: nested_kw)" do
+      robot = tunable()
+      FlakyStore.put(robot, [:imu, :rate], ~u(20 hertz))
+      FlakyStore.put(robot, [:imu, :filter, :gain], 0.25)
+      start_supervised!({robot, params: [imu: [filter: [gain: 0.75]]]})
+      assert Parameter.get!(robot, [:debug]) == false
+      assert Parameter.get!(robot, [:imu, :rate]) == ~u(20 hertz)
+      assert Parameter.get!(robot, [:imu, :filter, :gain]) == 0.75
+    end
+
+    test "values are unit-converted" do
+      robot = tunable()
+      FlakyStore.put(robot, [:imu, :rate], ~u(1 kilohertz))
+      start_supervised!(robot)
+      assert Parameter.get!(robot, [:imu, :rate]) == ~u(1000 hertz)
+      stop_supervised!(robot)
+      start_supervised!({robot, params: [imu: [rate: ~u(1 kilohertz)]]})
+      assert Parameter.get!(robot, [:imu, :rate]) == ~u(1000 hertz)
+    end
+
+    test "a bad startup value fails the start" do
+      robot = tunable()
+
+      for {params, message} <- [
+            {[debug: 1],
+             "invalid value for :debug option: expected boolean, got: 1 (in options [:params])"},
+            {[imu: [rate: ~u(0 hertz)]],
+             "invalid value for :rate option: expected at least ~u(1 hertz), got: ~u(0 hertz) (in options [:params, :imu])"},
+            {[imu: [rtae: ~u(1 hertz)]],
+             "unknown options [:rtae], valid options are: [:filter, :rate] (in options [:params, :imu])"},
+            {[imu: 1],
+             "invalid value for :imu option: expected keyword list, got: 1 (in options [:params])"},
+            {1, "invalid value for :params option: expected keyword list, got: 1"}
+          ] do
+        assert {:error, %ValidationError{} = error} = robot.start_link(params: params)
+        assert Exception.message(error) == message
+        assert Process.whereis(robot) == nil
+      end
+    end
+
+    test "a bad persisted value is logged and dropped, never a boot loop" do
+      robot = tunable()
+      FlakyStore.put(robot, [:imu, :rate], ~u(9 kilohertz))
+      FlakyStore.put(robot, [:imu, :filter, :gain], %{__struct__: Gone, x: 1})
+      FlakyStore.put(robot, [:debug], true)
+      FlakyStore.put(robot, [:nobody, :knows], 1)
+
+      log = capture_log(fn -> start_supervised!(robot) end)
+      assert log =~ "the persisted value of parameter [:imu, :rate] is dropped: "
+      assert log =~ "expected at most ~u(1 kilohertz), got: ~u(9000 hertz)"
+      assert log =~ "the persisted value of parameter [:imu, :filter, :gain] is dropped: "
+      assert Parameter.get!(robot, [:imu, :rate]) == ~u(100 hertz)
+      assert Parameter.get!(robot, [:imu, :filter, :gain]) == 0.5
+      assert Parameter.get!(robot, [:debug]) == true
+    end
+  end
+
+  describe "what is set" do
+    test "is there when the robot is started again; startup values and defaults are not kept" do
+      robot = tunable()
+      start_supervised!({robot, params: [debug: true]})
+      :ok = Parameter.set(robot, [:imu, :rate], ~u(7 hertz))
+      stop_supervised!(robot)
+      assert FlakyStore.all(robot) == %{[:imu, :rate] => ~u(7 hertz)}
+      start_supervised!(robot)
+      assert Parameter.get!(robot, [:imu, :rate]) == ~u(7 hertz)
+      assert Parameter.get!(robot, [:debug]) == false
+    end
+
+    test "outlives a crash of what writes it, and those who watch hear on" do
+      robot = start_tunable()
+      :ok = Parameter.set(robot, [:debug], true)
+      {:ok, ref, _} = Parameter.watch(robot, [[:debug]])
+      owner = Process.whereis(Module.concat(robot, ParameterOwner))
+      Process.exit(owner, :kill)
+
+      assert eventually(fn ->
+               Process.whereis(Module.concat(robot, ParameterOwner)) not in [nil, owner]
+             end)
+
+      assert Parameter.get!(robot, [:debug]) == true
+      :ok = Parameter.set(robot, [:debug], false)
+      assert_receive {Parameter, ^ref, %{[:debug] => false}}
+    end
+
+    test "and persisted outlives a crash of all that keeps it, which ends the watches" do
+      robot = start_tunable()
+      :ok = Parameter.set(robot, [:debug], true)
+      {:ok, ref, _} = Parameter.watch(robot, [[:debug]])
+      Process.exit(Process.whereis(Module.concat(robot, Parameters)), :kill)
+      assert_receive {:DOWN, ^ref, :process, _, :killed}, 5_000
+      assert eventually(fn -> persisted?(robot) end)
+    end
+
+    defp persisted?(robot) do
+      Parameter.get(robot, [:debug]) == {:ok, true}
+    rescue
+      ArgumentError -> false
+    end
+  end
+
+  describe "a store that fails" do
+    for {callback, failure} <- [
+          init: "returns an error",
+          init: "raises",
+          init: "exits",
+          load: "returns an error",
+          load: "returns nonsense",
+          load: "raises"
+        ] do
+      test "when it is opened, as #{callback} #{failure}, costs a warning, and the robot runs" do
+        robot = tunable()
+        FlakyStore.script(robot, [{unquote(callback), failure(unquote(failure))}])
+        log = capture_log(fn -> start_supervised!(robot) end)
+        assert log =~ "[warning]"
+        assert log =~ "the parameter store BB.Test.FlakyStore"
+        assert Parameter.set(robot, [:debug], true) == :ok
+        assert Parameter.get(robot, [:debug]) == {:ok, true}
+      end
+    end
+
+    test "to save or to close costs a warning" do
+      robot = start_tunable()
+      FlakyStore.script(robot, save: failure("returns an error"), close: failure("raises"))
+      log = capture_log(fn -> assert Parameter.set(robot, [:debug], true) == :ok end)
+      assert log =~ "cannot save [:debug] in the parameter store BB.Test.FlakyStore: :enospc"
+      assert Parameter.get(robot, [:debug]) == {:ok, true}
+      assert capture_log(fn -> stop_supervised!(robot) end) =~ "cannot close the parameter store"
+    end
+
+    defp failure("returns an error"), do: fn -> {:error, :enospc} end
+    defp failure("returns nonsense"), do: fn -> {:ok, 17} end
+    defp failure("raises"), do: fn -> raise "broken" end
+    defp failure("exits"), do: fn -> exit(:broken) end
+  end
+
+  # Parameters against a plain map
+
+  @model %{
+    [:debug] => {false, [true, false], [1, nil, "true"]},
+    [:imu, :rate] =>
+      {~u(100 hertz), [~u(1 hertz), ~u(5 hertz), ~u(1000 hertz)], [~u(0 hertz), ~u(1 meter), 5]},
+    [:imu, :filter, :gain] => {0.5, [0.0, 0.25, 1.0], [1, -0.5, 1.5, :high]},
+    [:note] => {nil, ["", "x"], [:x, 1]}
+  }
+
+  property "any sequence of set, set_many, get, list and restart is that of a plain map",
+    numtests: 60 do
+    forall commands <- list(command()) do
+      robot = tunable()
+      {:ok, _} = robot.start_link()
+      defaults = Map.new(@model, fn {path, {default, _, _}} -> {path, default} end)
+      {model, kept} = {defaults, %{}}
+
+      {robot, _, _, _} =
+        Enum.reduce(commands, {robot, model, kept, defaults}, fn command, state ->
+          {robot, model, _kept, _} = state = run(command, state)
+          for {path, value} <- model, do: assert(Parameter.get(robot, path) == {:ok, value})
+          state
+        end)
+
+      Supervisor.stop(robot)
+      true
+    end
+  end
+
+  defp command do
+    oneof([
+      {:set, change()},
+      {:set_many, list(change())},
+      {:list, oneof([[], [:imu], [:imu, :filter], [:nope]])},
+      :restart,
+      {:restart, oneof(Map.keys(@model) -- [[:note]])}
+    ])
+  end
+
+  defp change do
+    known = for {path, {_, good, bad}} <- @model, value <- good ++ good ++ bad, do: {path, value}
+    oneof(Enum.map([{[:nope], 1}, {[:imu, :nope, :x], 1} | known], &exactly/1))
+  end
+
+  defp run({:set, {path, value}}, {robot, model, kept, defaults}) do
+    if good?({path, value}) do
+      assert Parameter.set(robot, path, value) == :ok
+      {robot, Map.put(model, path, value), Map.put(kept, path, value), defaults}
+    else
+      assert {:error, _} = Parameter.set(robot, path, value)
+      {robot, model, kept, defaults}
+    end
+  end
+
+  defp run({:set_many, changes}, {robot, model, kept, defaults}) do
+    case Enum.reject(changes, &good?/1) do
+      [] ->
+        assert Parameter.set_many(robot, changes) == :ok
+        {robot, Enum.into(changes, model), Enum.into(changes, kept), defaults}
+
+      bad ->
+        assert {:error, errors} = Parameter.set_many(robot, changes)
+        assert Enum.map(errors, &elem(&1, 0)) == Enum.map(bad, &elem(&1, 0))
+        {robot, model, kept, defaults}
+    end
+  end
+
+  defp run({:list, prefix}, {robot, model, _, _} = state) do
+    listed =
+      for {path, %{value: value}} <- Parameter.list(robot, prefix: prefix), do: {path, value}
+
+    assert listed == Enum.sort(for({p, v} <- model, List.starts_with?(p, prefix), do: {p, v}))
+    state
+  end
+
+  defp run(:restart, state), do: restart(state, [])
+  defp run({:restart, path}, state), do: restart(state, [{path, startup(path)}])
+
+  defp restart({robot, _model, kept, defaults}, startup) do
+    Supervisor.stop(robot)
+    {:ok, _} = robot.start_link(params: Enum.reduce(startup, [], &nest/2))
+    {robot, defaults |> Map.merge(kept) |> Map.merge(Map.new(startup)), kept, defaults}
+  end
+
+  defp startup(path), do: @model |> Map.fetch!(path) |> elem(1) |> List.last()
+  defp nest({[name], value}, into), do: [{name, value} | into]
+  defp nest({[name | path], value}, into), do: [{name, nest({path, value}, [])} | into]
+
+  defp good?({path, value}) do
+    case @model do
+      %{^path => {_, good, _}} -> value in good
+      _ -> false
+    end
+  end
+end

@@ -1,0 +1,405 @@
+defmodule BB.Safety.WardenTest do
+  use ExUnit.Case, async: true
+
+  import BB.Test.Eventually
+  import BB.Test.Robot
+
+  alias BB.Safety
+  alias BB.Test.{Brake, Probe}
+
+  @a [:base, :a]
+  @b [:base, :joint, :b]
+
+  defp with_brakes do
+    robot do
+      topology do
+        link :base do
+          sensor :a, BB.Test.Brake
+          sensor :plain, BB.Test.Probe
+
+          joint :joint do
+            type :fixed
+            sensor :b, BB.Test.Brake
+            link :tip
+          end
+        end
+      end
+    end
+  end
+
+  # Started by a process that does not mind how it ends. What a killed root has left behind may still have its names.
+  defp start(robot \\ with_brakes()) do
+    test = self()
+
+    spawn(fn ->
+      Process.flag(:trap_exit, true)
+      send(test, {:started, eventually(fn -> started(robot.start_link()) end)})
+      Process.sleep(:infinity)
+    end)
+
+    assert_receive {:started, root}, 20_000
+    on_exit(fn -> stop(root) end)
+    assert eventually(fn -> Enum.all?(BB.Sensor.health(robot), &(&1.state == :up)) end)
+    {robot, root}
+  end
+
+  defp started({:ok, root}), do: root
+  defp started(_error), do: nil
+
+  defp stop(root) do
+    Supervisor.stop(root)
+  catch
+    :exit, _ -> :ok
+  end
+
+  describe "an armed robot whose topology supervisor dies" do
+    for reason <- [:kill, :broken, :shutdown] do
+      test "by #{inspect(reason)} is disarmed: every registered disarm ran exactly once" do
+        {robot, root} = start()
+        {:ok, _} = BB.subscribe(robot, [:state_machine])
+        :ok = Safety.arm(robot)
+        end_process(topology(root), unquote(reason))
+        assert_disarmed(robot)
+        assert_up_again(robot)
+        assert runs(robot) == {1, 1}
+        assert Process.whereis(robot) == root
+      end
+    end
+
+    test "can be armed again, and disarmed again" do
+      {robot, root} = start()
+      :ok = Safety.arm(robot)
+      end_process(topology(root), :kill)
+      assert eventually(fn -> Safety.arm(robot) == :ok end)
+      assert_up_again(robot)
+      :ok = Safety.disarm(robot)
+      assert runs(robot) == {2, 2}
+    end
+  end
+
+  describe "an armed robot whose root dies" do
+    for reason <- [:kill, :broken] do
+      test "by #{inspect(reason)} is disarmed: every registered disarm ran exactly once" do
+        {robot, root} = start()
+        :ok = Safety.arm(robot)
+        end_process(root, unquote(reason))
+        assert eventually(fn -> runs(robot) == {1, 1} end)
+        assert_forgotten(robot)
+        assert runs(robot) == {1, 1}
+      end
+    end
+
+    test "and that is started anew at once is disarmed, and each disarm ran exactly once" do
+      {robot, root} = start()
+      :ok = Safety.arm(robot)
+      end_process(root, :kill)
+      {^robot, _root} = start(robot)
+      assert_disarmed_state(robot)
+      assert_up_again(robot)
+      assert runs(robot) == {1, 1}
+    end
+  end
+
+  test "an armed robot that is stopped is disarmed when the stop returns, after its components have ended" do
+    {robot, root} = start()
+    test = self()
+    # Who has subscribed is linked to the bus.
+    Process.flag(:trap_exit, true)
+    {:ok, _} = BB.subscribe(robot, [:state_machine])
+
+    tell = fn opts ->
+      send(test, {:disarm, opts[:bb].path, Process.whereis(BB.Process.registry_name(robot))})
+      :ok
+    end
+
+    Brake.script(robot, @a, disarm: tell)
+    Probe.script(robot, :plain, terminate: fn _, _ -> send(test, :terminated) end)
+    :ok = Safety.arm(robot)
+    Supervisor.stop(root)
+    assert runs(robot) == {1, 1}
+    assert {:messages, messages} = Process.info(self(), :messages)
+    ended = Enum.find_index(messages, &(&1 == :terminated))
+    disarmed = Enum.find_index(messages, &match?({:disarm, @a, _}, &1))
+    assert ended < disarmed
+    # The bus ends last, so that it can tell.
+    assert_received {:bb, _, %{payload: %{from: :disarming, to: :disarmed}}}
+    assert_forgotten(robot)
+  end
+
+  test "a robot whose actuator is in the middle of a restart: every registered disarm ran exactly once" do
+    for blow <- [:topology, :root, :stop] do
+      {robot, root} = start()
+      :ok = Safety.arm(robot)
+      test = self()
+
+      Brake.script(robot, @a,
+        init: fn _opts ->
+          send(test, {:restarting, robot})
+          Process.sleep(:infinity)
+        end
+      )
+
+      BB.cast(robot, :a, :crash)
+      assert_receive {:restarting, ^robot}, 5_000
+      strike(blow, root)
+      assert eventually(fn -> runs(robot) == {1, 1} and not Safety.armed?(robot) end)
+    end
+  end
+
+  test "a robot whose actuator is down: every registered disarm ran exactly once" do
+    for blow <- [:topology, :root, :stop] do
+      {robot, root} = start()
+      :ok = Safety.arm(robot)
+      Brake.script(robot, @a, init: fn _opts -> {:stop, :absent} end)
+      BB.cast(robot, :a, :crash)
+      assert eventually(fn -> health(robot, :a).state == :backoff end)
+      strike(blow, root)
+      assert eventually(fn -> runs(robot) == {1, 1} and Safety.state(robot) == :disarmed end)
+    end
+  end
+
+  test "a robot that is disarmed when its tree dies has nothing to be made safe: no disarm runs" do
+    {robot, root} = start()
+    end_process(topology(root), :kill)
+    assert eventually(fn -> topology(root) != :restarting end)
+    assert_up_again(robot)
+    end_process(root, :kill)
+    assert_forgotten(robot)
+    assert runs(robot) == {0, 0}
+  end
+
+  test "a disarming under way when the tree dies runs each disarm once" do
+    {robot, root} = start()
+    {held, disarming} = hold_disarming(robot)
+    end_process(topology(root), :kill)
+    end_process(root, :kill)
+    send(held, :go_on)
+    assert Task.await(disarming) == :ok
+    assert_forgotten(robot)
+    assert runs(robot) == {1, 1}
+  end
+
+  test "a robot that is started anew while its predecessor's disarm is under way is not armed until that is done" do
+    {robot, root} = start()
+    {held, disarming} = hold_disarming(robot)
+    end_process(root, :kill)
+    {^robot, _root} = start(robot)
+    assert Safety.state(robot) == :disarming
+    assert Safety.arm(robot) == {:error, :disarming}
+    send(held, :go_on)
+    assert Task.await(disarming) == :ok
+    assert Safety.arm(robot) == :ok
+    Brake.script(robot, @a, disarm: fn _opts -> :ok end)
+    assert_up_again(robot)
+    assert Safety.disarm(robot) == :ok
+    assert runs(robot) == {2, 2}
+  end
+
+  test "an error outlives the robot: who starts it anew has to look at the hardware" do
+    {robot, root} = start()
+    Brake.script(robot, @a, disarm: fn _opts -> {:error, :stuck} end)
+    :ok = Safety.arm(robot)
+    end_process(root, :kill)
+    assert eventually(fn -> Safety.state(robot) == :error end)
+    {^robot, _root} = start(robot)
+    assert Safety.arm(robot) == {:error, :in_error}
+    assert Safety.force_disarm(robot) == :ok
+    assert Safety.arm(robot) == :ok
+  end
+
+  test "an error of a robot that is not started any more can be acknowledged" do
+    {robot, root} = start()
+    Brake.script(robot, @a, disarm: fn _opts -> {:error, :stuck} end)
+    :ok = Safety.arm(robot)
+    end_process(root, :kill)
+    assert eventually(fn -> Safety.state(robot) == :error end)
+    assert Safety.force_disarm(robot) == :ok
+    assert_forgotten(robot)
+  end
+
+  test "one robot's slow handler never delays another robot" do
+    {slow, _} = start()
+    {quick, _} = start()
+    {held, disarming} = hold_disarming(slow)
+    :ok = Safety.arm(quick)
+    assert Safety.disarm(quick) == :ok
+    assert Safety.state(slow) == :disarming
+    send(held, :go_on)
+    assert Task.await(disarming) == :ok
+  end
+
+  describe "the state survives a crash of the safety process:" do
+    test "armed stays armed, with handlers, epoch and what inhibits arming" do
+      {robot, _root} = start()
+      :ok = Safety.arm(robot)
+      epoch = Safety.epoch(robot)
+      :ok = Safety.inhibit(robot, [:lid], :open)
+      kill_warden(robot)
+      assert Safety.armed?(robot)
+      assert Safety.arm(robot) == {:error, :already_armed}
+      assert Safety.epoch(robot) == epoch
+      assert Safety.disarm(robot) == :ok
+      assert runs(robot) == {1, 1}
+      assert Safety.arm(robot) == {:error, {:inhibited, [{[:lid], :open}]}}
+    end
+
+    test "its successor sees the topology die" do
+      {robot, root} = start()
+      :ok = Safety.arm(robot)
+      kill_warden(robot)
+      end_process(topology(root), :kill)
+      assert_disarmed_state(robot)
+      assert_up_again(robot)
+      assert runs(robot) == {1, 1}
+    end
+
+    test "its successor sees the root die" do
+      {robot, root} = start()
+      :ok = Safety.arm(robot)
+      kill_warden(robot)
+      end_process(root, :kill)
+      assert eventually(fn -> runs(robot) == {1, 1} end)
+      assert_forgotten(robot)
+    end
+
+    test "a disarming goes on, runs each disarm once, and whoever asked for it gets the answer" do
+      {robot, _root} = start()
+      {held, disarming} = hold_disarming(robot)
+
+      for _ <- 1..5 do
+        kill_warden(robot)
+        assert Safety.state(robot) == :disarming
+        assert Safety.disarm(robot) == {:error, :already_disarming}
+      end
+
+      send(held, :go_on)
+      assert Task.await(disarming) == :ok
+      assert Safety.state(robot) == :disarmed
+      assert runs(robot) == {1, 1}
+    end
+
+    test "a disarming goes on, and what hangs has the time that is left of its timeout" do
+      {robot, _root} = start()
+      Brake.script(robot, @a, disarm: fn _opts -> Process.sleep(:infinity) end)
+      :ok = Safety.arm(robot)
+      disarming = Task.async(fn -> Safety.disarm(robot, timeout: 300) end)
+      assert eventually(fn -> runs(robot) == {1, 1} end)
+      kill_warden(robot)
+
+      assert Task.await(disarming) ==
+               {:error, {:disarm_failed, [{@a, {:timeout, 300}}]}}
+    end
+
+    test "a handler that was killed while nobody watched has failed" do
+      {robot, _root} = start()
+      {held, disarming} = hold_disarming(robot)
+      :sys.suspend(warden(robot))
+      Process.exit(held, :kill)
+      kill_warden(robot)
+      assert {:error, {:disarm_failed, [{@a, {:exit, _}}]}} = Task.await(disarming)
+      assert runs(robot) == {1, 1}
+    end
+
+    test "killed again and again among blows to the robot, each disarm runs as often as the other, once a disarming" do
+      {robot, root} = start()
+      killer = spawn_link(fn -> kill_again_and_again(robot) end)
+
+      # More than three deaths in five seconds would end the root.
+      for n <- 1..15 do
+        assert eventually(fn -> Safety.arm(robot) == :ok end)
+        if rem(n, 4) == 0, do: end_process(topology(root), :kill), else: Safety.disarm(robot)
+        assert eventually(fn -> Safety.state(robot) == :disarmed end)
+        assert {n, runs(robot)} == {n, {n, n}}
+        assert_up_again(robot)
+      end
+
+      Process.unlink(killer)
+      Process.exit(killer, :kill)
+    end
+
+    defp kill_again_and_again(robot) do
+      if pid = warden(robot), do: Process.exit(pid, :kill)
+      Process.sleep(:rand.uniform(20))
+      kill_again_and_again(robot)
+    end
+  end
+
+  # Blows
+
+  defp strike(:topology, root), do: end_process(topology(root), :kill)
+  defp strike(:root, root), do: end_process(root, :kill)
+  defp strike(:stop, root), do: Supervisor.stop(root)
+
+  defp end_process(pid, reason) do
+    ref = Process.monitor(pid)
+    Process.exit(pid, reason)
+
+    # An exit with another reason than its parent's says nothing to a supervisor.
+    unless reason == :kill, do: Supervisor.stop(pid, reason)
+    assert_receive {:DOWN, ^ref, _, _, _}, 10_000
+  end
+
+  defp kill_warden(robot) do
+    pid = eventually(fn -> warden(robot) end)
+    ref = Process.monitor(pid)
+    Process.exit(pid, :kill)
+    assert_receive {:DOWN, ^ref, _, _, _}, 5_000
+  end
+
+  # Looks
+
+  defp warden(robot), do: Process.whereis(Module.concat(robot, "Safety"))
+  defp runs(robot), do: {Brake.runs(robot, @a), Brake.runs(robot, @b)}
+
+  defp topology(root) do
+    {_id, pid, _, _} = root |> Supervisor.which_children() |> List.keyfind(:topology, 0)
+    pid
+  end
+
+  defp hold_disarming(robot) do
+    test = self()
+
+    Brake.script(robot, @a,
+      disarm: fn _opts ->
+        ref = Process.monitor(test)
+        send(test, {:held, self()})
+
+        receive do
+          :go_on -> :ok
+          {:DOWN, ^ref, _, _, _} -> :ok
+        end
+      end
+    )
+
+    :ok = Safety.arm(robot)
+    disarming = Task.async(fn -> Safety.disarm(robot, timeout: 60_000) end)
+    assert_receive {:held, held}, 5_000
+    {held, disarming}
+  end
+
+  defp assert_disarmed(robot) do
+    assert_receive {:bb, [:state_machine], %{payload: %{to: :disarming}}}, 5_000
+    assert_receive {:bb, [:state_machine], %{payload: %{to: :disarmed}}}, 5_000
+    assert Safety.state(robot) == :disarmed
+  end
+
+  defp assert_disarmed_state(robot),
+    do: assert(eventually(fn -> Safety.state(robot) == :disarmed end))
+
+  defp assert_up_again(robot) do
+    assert eventually(fn -> Enum.all?(states(robot), &(&1 == :up)) end)
+  end
+
+  defp states(robot) do
+    for row <- BB.Sensor.health(robot), do: row.state
+  rescue
+    ArgumentError -> [:none]
+  end
+
+  defp assert_forgotten(robot) do
+    assert eventually(fn -> Safety.epoch(robot) == {:error, :not_registered} end)
+    assert Safety.state(robot) == :disarmed
+    assert Safety.arm(robot) == {:error, :not_registered}
+    assert eventually(fn -> warden(robot) == nil end)
+  end
+end

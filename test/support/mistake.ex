@@ -1,0 +1,16 @@
+defmodule BB.Test.Mistake do
+  @moduledoc "Robots whose declaration is wrong."
+
+  import ExUnit.Assertions
+
+  @doc "Compiles a robot with the given lines inside, the first of which is line 3, and returns the error."
+  def mistake(lines) do
+    name = "Mistaken#{System.unique_integer([:positive])}"
+    source = "defmodule #{name} do\n  use BB\n#{lines}\nend"
+    error = assert_raise BB.Dsl.Error, fn -> Code.compile_string(source, "lib/robot.ex") end
+    assert inspect(error.module) == name
+    message = Exception.message(error)
+    assert message =~ "#{name}, #{inspect(error.path)} (lib/robot.ex:#{error.line}): "
+    error
+  end
+end
