@@ -77,6 +77,7 @@ defmodule ArchitectureTest do
     "conduit_ring_c" => ["conduit_ring"],
     "conduit_ring_nif" => ["conduit_ring"],
     "ganglion_messages" => [],
+    "languages" => ["conduit_ring"],
     "process_guard" => [],
     "program" => [],
     "camera" => ["conduit_ring", "ganglion_messages", "program"],

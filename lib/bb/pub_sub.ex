@@ -184,9 +184,25 @@ defmodule BB.PubSub do
     message = %{message | robot: robot}
 
     case route(robot, Path.validate!(path), type) do
-      nil -> Delivery.unrouted(bus, path, type, message, except)
+      nil -> publish_unrouted(bus, path, type, message, except)
       route -> publish_routed(bus, route, path, type, message, except)
     end
+  end
+
+  # The registrar hears of the source, and soon there is a route. One that has come up meanwhile is taken: the next messages
+  # will take it, and whoever has subscribed too late for it must not get this one and then miss those.
+  defp publish_unrouted(bus, path, type, message, except) do
+    Traffic.count(Traffic.meter(bus, path, type), message.monotonic_time)
+    number = if Bus.retained?(bus, path), do: Retention.keep(bus, path, message)
+    unrouted = Delivery.unrouted(bus, path, type)
+
+    targets =
+      case route(bus.robot, path, type) do
+        nil -> unrouted
+        {_, _, _, targets, metered, _} -> {targets, metered}
+      end
+
+    Delivery.deliver_except(bus, targets, except, {:bb, path, message}, number)
   end
 
   defp publish_routed(bus, {_, _, meter, targets, metered, nil}, path, _type, message, except) do

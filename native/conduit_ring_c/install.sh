@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
 # usage: native/conduit_ring_c/install.sh --prefix DIR [--built DIR]
 #
-# Installs the ring for C and C++ below DIR: include/, lib/libconduit_ring.so.1 and .a, lib/pkgconfig/ and lib/cmake/.
+# Installs the ring for C and C++ below DIR: include/, lib/libconduit_ring.so.2 and .a, lib/pkgconfig/ and lib/cmake/.
 #   --prefix DIR   where to; what is installed may be moved later. With DESTDIR in the environment, below that
 #   --built DIR    a folder with libconduit_ring_c.so and .a; by default cargo builds them
 set -euo pipefail
 
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
-readonly here SONAME=libconduit_ring.so.1
+readonly here SONAME=libconduit_ring.so.2
 
 help() { sed -n '2,/^set/{/^set/d;s/^# \{0,1\}//;p}' "${BASH_SOURCE[0]}"; }
 wrong_usage() { echo "$1; see --help" >&2; exit 2; }

@@ -183,7 +183,7 @@ defmodule BB.HandoffTest do
           {:ok, _} = BB.subscribe(robot, [:sensor])
           {:ok, publisher} = open_read(topic)
           for _ <- 1..3, do: :ok = Publisher.publish(publisher, "nonsense")
-          :ok = Publisher.publish(publisher, Vectors.read!("tags.hex"))
+          :ok = Publisher.publish(publisher, Vectors.read!("tags"))
           assert_receive {:bb, _, %{payload: %TagDetections{}}}, 2000
           assert {:ok, %{published: 1, malformed: 3}} = BB.Handoff.stats(robot, :inlet)
         end)
@@ -222,6 +222,6 @@ defmodule BB.HandoffTest do
 
   defp publish_vectors(topic, count) do
     {:ok, publisher} = open_read(topic)
-    for _ <- 1..count, do: :ok = Publisher.publish(publisher, Vectors.read!("tags.hex"))
+    for _ <- 1..count, do: :ok = Publisher.publish(publisher, Vectors.read!("tags"))
   end
 end

@@ -1,15 +1,17 @@
 defmodule BB.Test.Vectors do
-  @moduledoc "The encodings' test vectors, which the tests of every language read."
+  @moduledoc "The dumps of docs/wire-format.md, which the tests of every language read."
 
-  @folder Path.expand("../../native/ganglion_messages/tests/vectors", __DIR__)
+  @page Path.expand("../../docs/wire-format.md", __DIR__)
 
-  @doc "The bytes of a vector: hexadecimal digits; from # to the end of a line is comment."
+  @doc "The bytes of the dump with this name. `00*4` is four times a byte; from # to the end of a line is comment."
   def read!(name) do
-    [@folder, name]
-    |> Path.join()
-    |> File.read!()
-    |> String.replace(~r/#.*$/m, "")
-    |> String.replace(~r/\s/, "")
-    |> Base.decode16!(case: :lower)
+    [_, dump] = Regex.run(~r/^```hex #{name}\n(.*?)^```/ms, File.read!(@page))
+
+    for word <- dump |> String.replace(~r/#.*$/m, "") |> String.split(),
+        into: <<>>,
+        do: bytes(String.split(word, "*"))
   end
+
+  defp bytes([byte]), do: Base.decode16!(byte, case: :lower)
+  defp bytes([byte, times]), do: :binary.copy(bytes([byte]), String.to_integer(times))
 end

@@ -6,8 +6,8 @@ defmodule BB.PubSub.Delivery do
   asked for them.
   """
 
-  alias BB.{Message, Path}
-  alias BB.PubSub.{Bus, Gate, Retention, Routes, Subscription, Traffic}
+  alias BB.Path
+  alias BB.PubSub.{Bus, Gate, Routes, Subscription, Traffic}
 
   @doc "The targets of a plan's steps."
   @spec targets(Bus.t(), [Routes.step()], Path.t()) :: [Routes.target()]
@@ -71,16 +71,10 @@ defmodule BB.PubSub.Delivery do
   defp withheld(_bus, nil), do: :ok
   defp withheld(bus, id), do: Traffic.correct(bus, id, {-1, 0})
 
-  @doc """
-  Publishes where there is no route yet: works out who gets it from the subscriptions themselves. The registrar hears of the
-  source, and soon there is a route.
-  """
-  @spec unrouted(Bus.t(), Path.t(), module(), Message.t(), [pid()]) :: :ok
-  def unrouted(bus, path, type, message, except) do
-    Traffic.count(Traffic.meter(bus, path, type), message.monotonic_time)
-    number = if Bus.retained?(bus, path), do: Retention.keep(bus, path, message)
+  @doc "Where there is no route yet: the targets and their `BB.PubSub.Routes.metered/1`, from the subscriptions themselves."
+  @spec unrouted(Bus.t(), Path.t(), module()) :: {[Routes.target()], [reference() | nil]}
+  def unrouted(bus, path, type) do
     {steps, _filtered} = Routes.plan(Bus.above(bus, path), path, type)
-    targets = {targets(bus, steps, path), Routes.metered(steps)}
-    deliver_except(bus, targets, except, {:bb, path, message}, number)
+    {targets(bus, steps, path), Routes.metered(steps)}
   end
 end

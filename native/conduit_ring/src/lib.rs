@@ -149,7 +149,7 @@ pub use {
     info::{Info, Reader, State},
     lease::Lease,
     listing::Listing,
-    loan::Loan,
+    loan::{Loan, SuspendedLoan},
     observer::{Observer, ObserverOptions},
     publisher::{Publisher, PublisherOptions},
     subscriber::{Read, Received, Stats, Subscriber, SubscriberOptions, Wait},

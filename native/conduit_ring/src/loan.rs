@@ -2,8 +2,10 @@
 
 use std::fmt;
 use std::io;
+use std::sync::Arc;
 
 use crate::copy;
+use crate::memory::Memory;
 use crate::publisher::Publisher;
 
 /// A slot that is being filled: see [`Publisher::loan`]. [`Loan::commit`] publishes it; dropped without that, nothing was
@@ -88,6 +90,61 @@ impl<'a> Loan<'a> {
     /// Publishes the message and returns its sequence number.
     pub fn commit(self) -> u64 {
         self.publisher.commit(self.len)
+    }
+
+    /// The loan without its borrow of the publisher, for those who cannot keep one: other languages.
+    pub fn suspend(self) -> SuspendedLoan {
+        SuspendedLoan {
+            memory: self.publisher.shared_memory().clone(),
+            sequence: self.sequence(),
+            len: self.len,
+        }
+    }
+}
+
+/// A loan to be taken up again: see [`Loan::suspend`].
+pub struct SuspendedLoan {
+    memory: Arc<Memory>,
+    sequence: u64,
+    len: usize,
+}
+
+impl SuspendedLoan {
+    /// The loan as it was. `None` when the publisher has published meanwhile, or is not the one that lent.
+    pub fn resume<'a>(&self, publisher: &'a mut Publisher) -> Option<Loan<'a>> {
+        let is_same = Arc::ptr_eq(&self.memory, publisher.shared_memory())
+            && self.sequence == publisher.next_sequence();
+        is_same.then(|| Loan::new(publisher, self.len))
+    }
+
+    /// As [`Loan::as_mut_ptr`]. The memory is there as long as this is, also when the publisher is not any more; but once it
+    /// has published or lent anew, whoever still writes there damages messages.
+    pub fn as_mut_ptr(&self) -> *mut u8 {
+        self.memory.slot(self.sequence).payload()
+    }
+
+    /// The number that the message will have.
+    pub fn sequence(&self) -> u64 {
+        self.sequence
+    }
+
+    /// Length of the message in bytes.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether the message has no bytes.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+}
+
+impl fmt::Debug for SuspendedLoan {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("SuspendedLoan")
+            .field("sequence", &self.sequence)
+            .field("len", &self.len)
+            .finish_non_exhaustive()
     }
 }
 

@@ -1,6 +1,7 @@
 //! The one who publishes a topic.
 
 use std::fmt;
+use std::sync::Arc;
 
 use crate::attach::Attached;
 use crate::claim::{reclaim_leaked, reclaim_pins};
@@ -123,6 +124,10 @@ impl Publisher {
             self.make_way(pinned, clock::now_ns())?;
         }
         Ok(Loan::new(self, len))
+    }
+
+    pub(crate) fn shared_memory(&self) -> &Arc<Memory> {
+        &self.attached.memory
     }
 
     /// Where the message that is lent is written to.

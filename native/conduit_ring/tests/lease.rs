@@ -374,6 +374,32 @@ fn a_loan_that_is_dropped_publishes_nothing_and_its_number_is_used_again() {
 }
 
 #[test]
+fn a_loan_can_be_suspended_and_taken_up_again_until_something_else_is_published() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut reader = subscriber(&topic, Start::New);
+    let mut loan = publisher.loan(5).unwrap();
+    loan.write_at(0, b"later");
+    let suspended = loan.suspend();
+    assert_eq!((suspended.len(), suspended.is_empty()), (5, false));
+    assert_eq!(suspended.resume(&mut publisher).unwrap().commit(), 0);
+    let mut buffer = Vec::new();
+    next_message(&mut reader, &mut buffer);
+    assert_eq!(buffer, b"later");
+
+    let stale = publisher.loan(5).unwrap().suspend();
+    publisher.publish(b"meanwhile").unwrap();
+    assert!(stale.resume(&mut publisher).is_none());
+
+    let other_topic = Scratch::new();
+    let mut other = self::publisher(&other_topic);
+    other.publish(b"0").unwrap();
+    other.publish(b"1").unwrap();
+    let ours = publisher.loan(5).unwrap().suspend();
+    assert!(ours.resume(&mut other).is_none());
+}
+
+#[test]
 fn a_loan_is_never_longer_than_a_slot_nor_written_past_its_end() {
     let topic = Scratch::new();
     let mut publisher = publisher(&topic);

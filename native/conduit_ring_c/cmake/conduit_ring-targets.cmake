@@ -9,8 +9,8 @@ find_dependency(Threads)
 if(NOT TARGET conduit_ring::conduit_ring)
   add_library(conduit_ring::conduit_ring SHARED IMPORTED GLOBAL)
   set_target_properties(conduit_ring::conduit_ring PROPERTIES
-    IMPORTED_LOCATION "${_conduit_ring_library_dir}/libconduit_ring.so.1"
-    IMPORTED_SONAME "libconduit_ring.so.1"
+    IMPORTED_LOCATION "${_conduit_ring_library_dir}/libconduit_ring.so.2"
+    IMPORTED_SONAME "libconduit_ring.so.2"
     INTERFACE_INCLUDE_DIRECTORIES "${_conduit_ring_include_dir}"
     INTERFACE_LINK_LIBRARIES Threads::Threads)
 

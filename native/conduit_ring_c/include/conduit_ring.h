@@ -16,10 +16,11 @@
  *   -EUSERS           the topic has 16 subscribers already
  *   -ENOENT           there is no such topic
  *   -EMSGSIZE         the message does not fit into a slot: counted, nothing published
+ *   -EMFILE           three leases of the subscriber are held already; the message is kept
  *   -EAGAIN, -ETIMEDOUT, -ECANCELED
  *                     nothing to read; not in time; the waker was used. These are no faults: the sentence is not set.
  *   -ENOBUFS          the buffer is too small for the message, which is kept for the next read
- *   -EALREADY         another thread is using this subscriber
+ *   -EALREADY         another thread is using this subscriber; a loan of this publisher is out
  *   -ENOTRECOVERABLE  a fault inside the library, or a handle that had one before; close it
  *   any other         what the operating system answered
  *
@@ -42,7 +43,7 @@ extern "C" {
 /* ---- Versions ------------------------------------------------------------------------------------------------- */
 
 /* Changes with every change of this header that a compiled program would notice; also the soname's number. */
-#define CONDUIT_RING_ABI_VERSION 1u
+#define CONDUIT_RING_ABI_VERSION 2u
 
 /* CONDUIT_RING_ABI_VERSION of the library that is really there. */
 uint32_t conduit_ring_abi_version(void);
@@ -128,6 +129,21 @@ int conduit_ring_publisher_publish(conduit_ring_publisher *publisher, const void
 int conduit_ring_publisher_publish_parts(conduit_ring_publisher *publisher, const conduit_ring_part *parts,
                                          size_t part_count, uint64_t *sequence);
 
+/*
+ * Lends the next slot, for a message of up to `size_bytes` bytes that is written to *data piece by piece, without a copy
+ * of it elsewhere. Nothing is published before conduit_ring_publisher_commit(). *data may be written, and is of any
+ * alignment, until the loan is committed or cancelled or the publisher closed; it has the bytes of older messages. The
+ * oldest message of the ring is lost from here on. Errors as of publishing; *data is NULL then. One loan at a time, and
+ * nothing else is published meanwhile: -EALREADY.
+ */
+int conduit_ring_publisher_loan(conduit_ring_publisher *publisher, size_t size_bytes, void **data);
+
+/* Publishes the first `size_bytes` bytes of the loan. -EINVAL when it has fewer (and is still out), or there is none. */
+int conduit_ring_publisher_commit(conduit_ring_publisher *publisher, size_t size_bytes, uint64_t *sequence);
+
+/* Ends the loan, if there is one. Nothing was published, and the next message takes the same slot and number. */
+int conduit_ring_publisher_cancel(conduit_ring_publisher *publisher);
+
 /* Ends the topic: subscribers read what is left and then learn that the publisher is gone. NULL is fine. */
 int conduit_ring_publisher_close(conduit_ring_publisher *publisher);
 
@@ -147,16 +163,26 @@ typedef struct conduit_ring_subscriber conduit_ring_subscriber;
 #define CONDUIT_RING_POLICY_ALL 0u    /* every one that is still there, in order */
 #define CONDUIT_RING_POLICY_LATEST 1u /* only the newest; those skipped count as lost */
 
+/*
+ * Whether to read without touching memory that another process could take away: who may write a topic's file may shorten
+ * it, and that is a SIGBUS for all who have it mapped. Guarded, it is -EPROTO. Costs a few system calls for each message;
+ * leases are copies, and the subscriber does not show among the topic's readers.
+ */
+#define CONDUIT_RING_GUARD_AUTO 0u   /* when the file belongs to another user than this process's */
+#define CONDUIT_RING_GUARD_ALWAYS 1u
+#define CONDUIT_RING_GUARD_NEVER 2u  /* all who may write the file are trusted */
+
 /* Begin with CONDUIT_RING_SUBSCRIBER_OPTIONS_INIT and change what you need. */
 typedef struct conduit_ring_subscriber_options {
     uint32_t abi_version; /* CONDUIT_RING_ABI_VERSION */
     uint32_t start;       /* CONDUIT_RING_START_... */
     uint32_t history;     /* with CONDUIT_RING_START_HISTORY: how many */
     uint32_t policy;      /* CONDUIT_RING_POLICY_... */
+    uint32_t guard;       /* CONDUIT_RING_GUARD_... */
 } conduit_ring_subscriber_options;
 
 #define CONDUIT_RING_SUBSCRIBER_OPTIONS_INIT \
-    { CONDUIT_RING_ABI_VERSION, CONDUIT_RING_START_NEW, 0u, CONDUIT_RING_POLICY_ALL }
+    { CONDUIT_RING_ABI_VERSION, CONDUIT_RING_START_NEW, 0u, CONDUIT_RING_POLICY_ALL, CONDUIT_RING_GUARD_AUTO }
 
 /* What a read gave. */
 #define CONDUIT_RING_EVENT_MESSAGE 1u        /* a message */
@@ -211,6 +237,34 @@ int conduit_ring_subscriber_try_read_into(conduit_ring_subscriber *subscriber, v
 /* Takes what comes next, and waits for it. -ETIMEDOUT, -ECANCELED. */
 int conduit_ring_subscriber_read(conduit_ring_subscriber *subscriber, conduit_ring_message *message,
                                  uint64_t timeout_ns, uint32_t *event);
+
+/*
+ * A message that stays where it lies, in its slot of the ring, until the lease is released: for large ones. The publisher
+ * leaves the slot alone meanwhile. It does not wait: when it has gone round the ring and comes to this slot, it drops its
+ * new messages. So release it within slot_count - 1 periods of the topic. Dead holders hold nothing.
+ */
+typedef struct conduit_ring_lease conduit_ring_lease;
+
+/*
+ * Takes what comes next without copying it, and waits for it; a `timeout_ns` of 0 only looks. *lease is NULL unless
+ * *event is CONDUIT_RING_EVENT_MESSAGE. At most three leases of a subscriber are held at once: -EMFILE. -ETIMEDOUT,
+ * -ECANCELED.
+ *
+ * A lease may outlive its subscriber and may be used and released by any thread. Where no publisher would respect a hold
+ * (a legacy one, a guarded topic, a message that is about to be overwritten) it is a copy and does not count.
+ */
+int conduit_ring_subscriber_lease(conduit_ring_subscriber *subscriber, uint64_t timeout_ns, conduit_ring_lease **lease,
+                                  uint32_t *event);
+
+/* The bytes, of any alignment, for reading only, until the lease is released. NULL only if `lease` is. */
+const void *conduit_ring_lease_data(const conduit_ring_lease *lease);
+conduit_ring_meta conduit_ring_lease_meta(const conduit_ring_lease *lease);
+
+/* Whether the publisher leaves a slot alone for it; if not, it is a copy. */
+bool conduit_ring_lease_holds_slot(const conduit_ring_lease *lease);
+
+/* NULL is fine. */
+void conduit_ring_lease_release(conduit_ring_lease *lease);
 
 /* Sleeps until there is something to read. -ETIMEDOUT, -ECANCELED. */
 int conduit_ring_subscriber_wait(conduit_ring_subscriber *subscriber, uint64_t timeout_ns);

@@ -9,6 +9,7 @@ pub(crate) const ECANCELED: c_int = 125;
 pub(crate) const EEXIST: c_int = 17;
 pub(crate) const EINVAL: c_int = 22;
 pub(crate) const EIO: c_int = 5;
+pub(crate) const EMFILE: c_int = 24;
 pub(crate) const EMSGSIZE: c_int = 90;
 pub(crate) const ENOBUFS: c_int = 105;
 pub(crate) const ENOENT: c_int = 2;

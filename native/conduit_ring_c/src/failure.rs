@@ -82,6 +82,7 @@ impl From<Error> for Failure {
             Error::PublisherAlive { .. } => errno::EBUSY,
             Error::LegacyInUse { .. } => errno::EEXIST,
             Error::NoReaderSlot { .. } => errno::EUSERS,
+            Error::TooManyLeases { .. } => errno::EMFILE,
             Error::NoTopic { .. } => errno::ENOENT,
             Error::BadSegment { .. } => errno::EPROTO,
             other => other.errno().unwrap_or(errno::EIO),

@@ -10,6 +10,7 @@ mod errno;
 mod failure;
 mod geometry;
 mod info;
+mod lease;
 mod message;
 mod pointer;
 mod publisher;
@@ -29,7 +30,8 @@ pub use publisher::{
 };
 pub use subscriber::{
     CONDUIT_RING_EVENT_MESSAGE, CONDUIT_RING_EVENT_PUBLISHER_DOWN, CONDUIT_RING_EVENT_PUBLISHER_UP,
-    CONDUIT_RING_FOREVER, CONDUIT_RING_POLICY_ALL, CONDUIT_RING_POLICY_LATEST,
+    CONDUIT_RING_FOREVER, CONDUIT_RING_GUARD_ALWAYS, CONDUIT_RING_GUARD_AUTO,
+    CONDUIT_RING_GUARD_NEVER, CONDUIT_RING_POLICY_ALL, CONDUIT_RING_POLICY_LATEST,
     CONDUIT_RING_START_HISTORY, CONDUIT_RING_START_LATEST, CONDUIT_RING_START_NEW,
     conduit_ring_stats, conduit_ring_subscriber_options,
 };

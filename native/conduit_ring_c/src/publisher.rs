@@ -3,8 +3,9 @@
 use std::ffi::{c_char, c_int, c_void};
 use std::sync::{Mutex, MutexGuard};
 
-use conduit_ring::{Geometry, Publisher, PublisherOptions, Topic};
+use conduit_ring::{Geometry, Publisher, PublisherOptions, SuspendedLoan, Topic};
 
+use crate::errno;
 use crate::failure::{Failure, answer};
 use crate::geometry::conduit_ring_geometry;
 use crate::info::{conduit_ring_info, tag};
@@ -49,12 +50,53 @@ pub struct conduit_ring_part {
 pub const CONDUIT_RING_OWN_GROUP: u32 = 0xFFFF_FFFF;
 
 /// Opaque to C. The lock lets several threads share one publisher.
-pub(crate) struct conduit_ring_publisher(Mutex<Publisher>);
+pub(crate) struct conduit_ring_publisher(Mutex<Inner>);
+
+pub(crate) struct Inner {
+    publisher: Publisher,
+    /// While it is out, nothing else is published: its holder writes to the next message's slot.
+    loan: Option<SuspendedLoan>,
+}
 
 impl conduit_ring_publisher {
     #[inline]
-    fn lock(&self) -> Result<MutexGuard<'_, Publisher>, Failure> {
+    fn lock(&self) -> Result<MutexGuard<'_, Inner>, Failure> {
         self.0.lock().map_err(|_| Failure::broken("publisher"))
+    }
+}
+
+impl Inner {
+    #[inline]
+    fn idle(&mut self) -> Result<&mut Publisher, Failure> {
+        if self.loan.is_none() {
+            Ok(&mut self.publisher)
+        } else {
+            Err(Failure::new(
+                errno::EALREADY,
+                "a loan of this publisher is out; commit or cancel it first",
+            ))
+        }
+    }
+
+    fn lend(&mut self, len: usize) -> Result<*mut u8, Failure> {
+        let loan = self.idle()?.loan(len)?.suspend();
+        Ok(self.loan.insert(loan).as_mut_ptr())
+    }
+
+    fn commit(&mut self, len: usize) -> Result<u64, Failure> {
+        let lent = self.loan.as_ref().map(SuspendedLoan::len);
+        let lent = lent.ok_or_else(|| Failure::invalid("there is no loan to commit"))?;
+        if len > lent {
+            return Err(Failure::invalid(format!(
+                "{len} bytes cannot be committed of a loan of {lent}"
+            )));
+        }
+        let loan = self.loan.take();
+        let mut loan = loan
+            .and_then(|loan| loan.resume(&mut self.publisher))
+            .ok_or_else(|| Failure::broken("publisher"))?;
+        loan.truncate(len);
+        Ok(loan.commit())
     }
 }
 
@@ -100,7 +142,10 @@ unsafe extern "C" fn conduit_ring_publisher_open(
             // SAFETY: null or options, by the header.
             let options = unsafe { read_options(options) }?;
             let publisher = Publisher::open(&topic, &options)?;
-            Ok(conduit_ring_publisher(Mutex::new(publisher)))
+            Ok(conduit_ring_publisher(Mutex::new(Inner {
+                publisher,
+                loan: None,
+            })))
         };
         // SAFETY: null or writable, by the header.
         unsafe { Out::handle(publisher, "publisher", open) }
@@ -119,7 +164,7 @@ unsafe extern "C" fn conduit_ring_publisher_publish(
         let publisher = unsafe { pointer::shared(publisher, "publisher") }?;
         // SAFETY: null or `size_bytes` readable bytes, by the header.
         let message = unsafe { pointer::bytes(data, size_bytes, "data") }?;
-        let published = publisher.lock()?.publish(message)?;
+        let published = publisher.lock()?.idle()?.publish(message)?;
         // SAFETY: null or writable, by the header.
         unsafe { tell(sequence, published) }
     })
@@ -146,13 +191,60 @@ unsafe extern "C" fn conduit_ring_publisher_publish_parts(
             for (to, part) in few.iter_mut().zip(parts) {
                 *to = slice(part)?;
             }
-            publisher.lock()?.publish_slices(&few[..parts.len()])?
+            publisher
+                .lock()?
+                .idle()?
+                .publish_slices(&few[..parts.len()])?
         } else {
             let many: Vec<&[u8]> = parts.iter().map(slice).collect::<Result<_, _>>()?;
-            publisher.lock()?.publish_slices(&many)?
+            publisher.lock()?.idle()?.publish_slices(&many)?
         };
         // SAFETY: null or writable, by the header.
         unsafe { tell(sequence, published) }
+    })
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn conduit_ring_publisher_loan(
+    publisher: *mut conduit_ring_publisher,
+    size_bytes: usize,
+    data: *mut *mut c_void,
+) -> c_int {
+    answer(|| {
+        // SAFETY: null or writable, by the header.
+        let out = unsafe { Out::new(data, "data") }?;
+        out.put(std::ptr::null_mut());
+        // SAFETY: null or a living publisher, by the header.
+        let publisher = unsafe { pointer::shared(publisher, "publisher") }?;
+        out.put(publisher.lock()?.lend(size_bytes)?.cast());
+        Ok(())
+    })
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn conduit_ring_publisher_commit(
+    publisher: *mut conduit_ring_publisher,
+    size_bytes: usize,
+    sequence: *mut u64,
+) -> c_int {
+    answer(|| {
+        // SAFETY: null or a living publisher, by the header.
+        let publisher = unsafe { pointer::shared(publisher, "publisher") }?;
+        let published = publisher.lock()?.commit(size_bytes)?;
+        // SAFETY: null or writable, by the header.
+        unsafe { tell(sequence, published) }
+    })
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn conduit_ring_publisher_cancel(
+    publisher: *mut conduit_ring_publisher,
+) -> c_int {
+    answer(|| {
+        // SAFETY: null or a living publisher, by the header.
+        let publisher = unsafe { pointer::shared(publisher, "publisher") }?;
+        publisher.lock()?.loan = None;
+        Ok(())
     })
 }
 
@@ -177,7 +269,7 @@ unsafe extern "C" fn conduit_ring_publisher_info(
         let publisher = unsafe { pointer::shared(publisher, "publisher") }?;
         // SAFETY: null or writable, by the header.
         let out = unsafe { Out::new(info, "info") }?;
-        out.put((&publisher.lock()?.info()).into());
+        out.put((&publisher.lock()?.publisher.info()).into());
         Ok(())
     })
 }
@@ -202,6 +294,7 @@ unsafe extern "C" fn conduit_ring_publisher_abandon(
             publisher
                 .into_inner()
                 .unwrap_or_else(|poisoned| poisoned.into_inner())
+                .publisher
                 .abandon();
         }
         Ok(())

@@ -5,12 +5,13 @@ use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::{Duration, Instant};
 
 use conduit_ring::{
-    Meta, Policy, Read, Received, Start, Stats, Subscriber, SubscriberOptions, Topic, Wait,
+    Guard, Meta, Policy, Read, Received, Start, Stats, Subscriber, SubscriberOptions, Topic, Wait,
 };
 
 use crate::errno;
 use crate::failure::{Failure, answer};
 use crate::geometry::conduit_ring_geometry;
+use crate::lease::conduit_ring_lease;
 use crate::message::{conduit_ring_message, conduit_ring_meta};
 use crate::pointer::{self, Out};
 use crate::version;
@@ -27,6 +28,13 @@ pub const CONDUIT_RING_START_HISTORY: u32 = 2;
 pub const CONDUIT_RING_POLICY_ALL: u32 = 0;
 /// See the header.
 pub const CONDUIT_RING_POLICY_LATEST: u32 = 1;
+
+/// Values of `guard`.
+pub const CONDUIT_RING_GUARD_AUTO: u32 = 0;
+/// See the header.
+pub const CONDUIT_RING_GUARD_ALWAYS: u32 = 1;
+/// See the header.
+pub const CONDUIT_RING_GUARD_NEVER: u32 = 2;
 
 /// Values of `event`.
 pub const CONDUIT_RING_EVENT_MESSAGE: u32 = 1;
@@ -50,6 +58,8 @@ pub struct conduit_ring_subscriber_options {
     pub history: u32,
     /// Which messages to get after falling behind.
     pub policy: u32,
+    /// Whether the topic's file may be cut off without harm.
+    pub guard: u32,
 }
 
 /// What a subscriber has seen so far.
@@ -145,12 +155,34 @@ impl Inner {
         message: &mut conduit_ring_message,
         timeout: Duration,
     ) -> Result<Event, Failure> {
+        self.in_time(timeout, |inner| inner.try_read(message))
+    }
+
+    /// Takes what comes next by `take`, and waits for it.
+    fn in_time<T>(
+        &mut self,
+        timeout: Duration,
+        mut take: impl FnMut(&mut Inner) -> Result<T, Failure>,
+    ) -> Result<T, Failure> {
         let deadline = Deadline::after(timeout);
         loop {
-            match self.try_read(message) {
+            match take(self) {
                 Err(Failure::NOTHING) => self.wait(deadline.left())?,
                 done => return done,
             }
+        }
+    }
+
+    fn try_lease(&mut self) -> Result<(Event, Option<conduit_ring_lease>), Failure> {
+        if let Some((meta, kept)) = self.left_over.take() {
+            let lease = conduit_ring_lease::of_copy(meta, kept);
+            return Ok((Event::Message, Some(lease)));
+        }
+        match self.subscriber.try_lease()? {
+            Received::Message(_, lease) => Ok((Event::Message, Some(lease.into()))),
+            Received::PublisherUp => Ok((Event::PublisherUp, None)),
+            Received::PublisherDown => Ok((Event::PublisherDown, None)),
+            Received::Nothing => Err(Failure::NOTHING),
         }
     }
 
@@ -317,6 +349,17 @@ fn start(value: u32, history: u32) -> Result<Start, Failure> {
     }
 }
 
+fn guard(value: u32) -> Result<Guard, Failure> {
+    match value {
+        CONDUIT_RING_GUARD_AUTO => Ok(Guard::Auto),
+        CONDUIT_RING_GUARD_ALWAYS => Ok(Guard::Always),
+        CONDUIT_RING_GUARD_NEVER => Ok(Guard::Never),
+        _ => Err(Failure::invalid(format!(
+            "guard is {value}; accepted are CONDUIT_RING_GUARD_AUTO, _ALWAYS and _NEVER"
+        ))),
+    }
+}
+
 /// # Safety
 /// `options` is null or leads to options.
 unsafe fn read_options(
@@ -333,7 +376,7 @@ unsafe fn read_options(
     Ok(SubscriberOptions {
         start: start(options.start, options.history)?,
         policy: policy(options.policy)?,
-        ..SubscriberOptions::default()
+        guard: guard(options.guard)?,
     })
 }
 
@@ -414,6 +457,30 @@ unsafe extern "C" fn conduit_ring_subscriber_try_read_into(
         // SAFETY: null or a living subscriber, by the header.
         let event = unsafe { lock(subscriber) }?.try_read_into(room, &meta)?;
         out.put(event.value());
+        Ok(())
+    })
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn conduit_ring_subscriber_lease(
+    subscriber: *mut conduit_ring_subscriber,
+    timeout_ns: u64,
+    lease: *mut *mut conduit_ring_lease,
+    event: *mut u32,
+) -> c_int {
+    answer(|| {
+        // SAFETY: null or writable, by the header.
+        let event_out = unsafe { Out::new(event, "event") }?;
+        // SAFETY: null or writable, by the header.
+        let lease_out = unsafe { Out::new(lease, "lease") }?;
+        lease_out.put(std::ptr::null_mut());
+        // SAFETY: null or a living subscriber, by the header.
+        let mut inner = unsafe { lock(subscriber) }?;
+        let (event, lease) = inner.in_time(timeout(timeout_ns), Inner::try_lease)?;
+        event_out.put(event.value());
+        if let Some(lease) = lease {
+            lease_out.put(Box::into_raw(Box::new(lease)));
+        }
         Ok(())
     })
 }

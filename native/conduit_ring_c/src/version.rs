@@ -5,7 +5,7 @@ use std::ffi::c_char;
 use crate::failure::Failure;
 
 /// Changes with every change of the header that a compiled program would notice.
-pub const CONDUIT_RING_ABI_VERSION: u32 = 1;
+pub const CONDUIT_RING_ABI_VERSION: u32 = 2;
 
 /// What options say about the header that they were made with is looked at before anything else of them.
 pub(crate) fn check(abi_version: u32, name: &str) -> Result<(), Failure> {

@@ -128,11 +128,41 @@ pub(crate) unsafe fn show(
     view: *mut ffi::Py_buffer,
     flags: c_int,
 ) -> PyResult<()> {
-    const READ_ONLY: c_int = 1;
-    let (start, len) = (start.cast_mut().cast(), len as ffi::Py_ssize_t);
-    // SAFETY: the view is Python's, it takes a reference to the owner, and nobody writes to what is read-only.
-    let status =
-        unsafe { ffi::PyBuffer_FillInfo(view, owner.as_ptr(), start, len, READ_ONLY, flags) };
+    // SAFETY: as the caller promises; nobody writes to what is read-only.
+    unsafe { fill(owner, start.cast_mut(), len, READ_ONLY, view, flags) }
+}
+
+const READ_ONLY: c_int = 1;
+const WRITABLE: c_int = 0;
+
+/// Shows bytes that `owner` keeps in place, for writing too.
+///
+/// # Safety
+/// As [`show`]; and Rust looks at the bytes by no reference while `owner` lives.
+pub(crate) unsafe fn show_writable(
+    owner: &Bound<'_, PyAny>,
+    start: *mut u8,
+    len: usize,
+    view: *mut ffi::Py_buffer,
+    flags: c_int,
+) -> PyResult<()> {
+    // SAFETY: as the caller promises.
+    unsafe { fill(owner, start, len, WRITABLE, view, flags) }
+}
+
+/// # Safety
+/// As [`show`] or [`show_writable`].
+unsafe fn fill(
+    owner: &Bound<'_, PyAny>,
+    start: *mut u8,
+    len: usize,
+    access: c_int,
+    view: *mut ffi::Py_buffer,
+    flags: c_int,
+) -> PyResult<()> {
+    let (start, len) = (start.cast(), len as ffi::Py_ssize_t);
+    // SAFETY: the view is Python's, and takes a reference to the owner.
+    let status = unsafe { ffi::PyBuffer_FillInfo(view, owner.as_ptr(), start, len, access, flags) };
     if status == 0 {
         Ok(())
     } else {

@@ -1,7 +1,7 @@
 //! A message lent for the length of a block.
 //!
-//! The memory belongs to a [`Loan`], which whatever shows it keeps alive. When something still does at the end of the block,
-//! the ring gets its slot back and the loan keeps the bytes at the same address: an array that outlives the block keeps
+//! The memory belongs to a [`Held`], which whatever shows it keeps alive. When something still does at the end of the block,
+//! the ring gets its slot back and it keeps the bytes at the same address: an array that outlives the block keeps
 //! looking at its own message, never at another one.
 
 use std::ffi::c_int;
@@ -21,25 +21,25 @@ use crate::{bytes, errors, message};
 
 /// The memory of one lease.
 #[pyclass(frozen, module = "conduit_ring")]
-pub(crate) struct Loan {
+pub(crate) struct Held {
     lease: Mutex<Own<conduit_ring::Lease>>,
 }
 
 #[pymethods]
-impl Loan {
+impl Held {
     unsafe fn __getbuffer__(
         slf: Bound<'_, Self>,
         view: *mut ffi::Py_buffer,
         flags: c_int,
     ) -> PyResult<()> {
         let (start, len) = slf.get().with(|lease| (lease.as_ptr(), lease.len()));
-        // SAFETY: Python calls it; the bytes stay at this address until the loan is dropped, and as they are as long as all
+        // SAFETY: Python calls it; the bytes stay at this address until the object is dropped, and as they are as long as all
         // processes that may write the topic keep to the protocol, which the documentation asks for.
         unsafe { bytes::show(slf.as_any(), start, len, view, flags) }
     }
 }
 
-impl Loan {
+impl Held {
     /// Runs no Python.
     fn with<R>(&self, act: impl FnOnce(&mut conduit_ring::Lease) -> R) -> R {
         let mut lease = self.lease.lock().unwrap_or_else(PoisonError::into_inner);
@@ -68,7 +68,7 @@ pub(crate) struct Lease {
 enum Stage {
     Before,
     Held {
-        loan: Py<Loan>,
+        memory: Py<Held>,
         meta: Meta,
         views: Vec<Py<PyMemoryView>>,
     },
@@ -98,22 +98,22 @@ impl Lease {
     /// Whether the publisher leaves a slot alone for it; otherwise it is a copy.
     #[getter]
     fn holds_slot(&self) -> PyResult<bool> {
-        self.held(|loan, _, _| loan.get().with(|lease| lease.holds_slot()))
+        self.held(|memory, _, _| memory.get().with(|lease| lease.holds_slot()))
     }
 
     /// The message as a read-only ``memoryview``, which ends with the block.
     #[getter]
     fn data(&self, py: Python<'_>) -> PyResult<Py<PyMemoryView>> {
-        let loan = self.loan(py)?;
-        let view = PyMemoryView::from(loan.bind(py).as_any())?.unbind();
+        let memory = self.memory(py)?;
+        let view = PyMemoryView::from(memory.bind(py).as_any())?.unbind();
         self.held(|_, _, views| views.push(view.clone_ref(py)))?;
         Ok(view)
     }
 
     /// A copy of the message, to be kept.
     fn tobytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let loan = self.loan(py)?;
-        loan.get().with(|lease| {
+        let memory = self.memory(py)?;
+        memory.get().with(|lease| {
             PyBytes::new_with(py, lease.len(), |bytes| {
                 lease.read_at(0, bytes);
                 Ok(())
@@ -130,8 +130,8 @@ impl Lease {
         shape: Option<Bound<'py, PyAny>>,
         offset: usize,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let loan = self.loan(py)?;
-        message::array(loan.bind(py).as_any(), dtype, shape, offset)
+        let memory = self.memory(py)?;
+        message::array(memory.bind(py).as_any(), dtype, shape, offset)
     }
 
     fn __len__(&self) -> PyResult<usize> {
@@ -152,11 +152,11 @@ impl Lease {
         let deadline = Deadline::after(slf.timeout)?;
         let lease = subscriber.next_of(py, deadline, conduit_ring::Subscriber::try_lease)?;
         let meta = lease.meta();
-        let loan = Loan {
+        let memory = Held {
             lease: Mutex::new(Own::new(lease)),
         };
         let held = Stage::Held {
-            loan: Py::new(py, loan)?,
+            memory: Py::new(py, memory)?,
             meta,
             views: Vec::new(),
         };
@@ -167,17 +167,17 @@ impl Lease {
     #[pyo3(signature = (*_exception))]
     fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, PyTuple>) -> PyResult<()> {
         let stage = mem::replace(&mut *self.lock(), Stage::Over);
-        let Stage::Held { loan, views, .. } = stage else {
+        let Stage::Held { memory, views, .. } = stage else {
             return Ok(());
         };
         for view in views {
-            // Refused while something looks through it: that keeps the loan.
+            // Refused while something looks through it: that keeps the memory.
             let _ = view.call_method0(py, "release");
         }
         // SAFETY: an object that is held here, while attached to Python.
-        let is_shown = unsafe { ffi::Py_REFCNT(loan.as_ptr()) } > 1;
+        let is_shown = unsafe { ffi::Py_REFCNT(memory.as_ptr()) } > 1;
         if is_shown {
-            let detached = py.detach(|| loan.get().with(conduit_ring::Lease::detach));
+            let detached = py.detach(|| memory.get().with(conduit_ring::Lease::detach));
             detached.map_err(errors::of_ring)?;
         }
         Ok(())
@@ -204,16 +204,20 @@ impl Lease {
         }
     }
 
-    fn loan(&self, py: Python<'_>) -> PyResult<Py<Loan>> {
-        self.held(|loan, _, _| loan.clone_ref(py))
+    fn memory(&self, py: Python<'_>) -> PyResult<Py<Held>> {
+        self.held(|memory, _, _| memory.clone_ref(py))
     }
 
     fn held<R>(
         &self,
-        act: impl FnOnce(&Py<Loan>, &Meta, &mut Vec<Py<PyMemoryView>>) -> R,
+        act: impl FnOnce(&Py<Held>, &Meta, &mut Vec<Py<PyMemoryView>>) -> R,
     ) -> PyResult<R> {
         match &mut *self.lock() {
-            Stage::Held { loan, meta, views } => Ok(act(loan, meta, views)),
+            Stage::Held {
+                memory,
+                meta,
+                views,
+            } => Ok(act(memory, meta, views)),
             Stage::Before => Err(PyValueError::new_err("a lease is used in a with block")),
             Stage::Over => Err(PyValueError::new_err(
                 "the lease is over: its block was left",

@@ -6,6 +6,7 @@ mod errors;
 mod fork;
 mod info;
 mod lease;
+mod loan;
 mod message;
 mod publisher;
 mod subscriber;
@@ -22,6 +23,7 @@ mod _native {
         fork::_after_fork,
         info::{info, topics},
         lease::Lease,
+        loan::Loan,
         message::Message,
         publisher::Publisher,
         subscriber::{Events, Subscriber},

@@ -2,13 +2,14 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 
-use conduit_ring::{Geometry, PublisherOptions, Topic};
-use pyo3::exceptions::PyValueError;
+use conduit_ring::{Geometry, PublisherOptions, SuspendedLoan, Topic};
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
 use crate::bytes::Bytes;
 use crate::fork::{Birth, Own};
+use crate::loan::Loan;
 use crate::{content, errors, info};
 
 /// From so many bytes on, other Python threads run while a message is copied.
@@ -38,7 +39,13 @@ pub(crate) struct Publisher {
     topic: Topic,
     geometry: Geometry,
     birth: Birth,
-    inner: Mutex<Option<Own<conduit_ring::Publisher>>>,
+    inner: Mutex<Option<Own<Lender>>>,
+}
+
+struct Lender {
+    publisher: conduit_ring::Publisher,
+    /// A loan is out: its holder writes to the next message's slot, so nothing else is published.
+    has_lent: bool,
 }
 
 #[pymethods]
@@ -69,11 +76,16 @@ impl Publisher {
         let publisher = py
             .detach(|| conduit_ring::Publisher::open(&topic, &options))
             .map_err(errors::of_ring)?;
+        let geometry = publisher.geometry();
+        let lender = Lender {
+            publisher,
+            has_lent: false,
+        };
         Ok(Publisher {
             topic,
-            geometry: publisher.geometry(),
+            geometry,
             birth: Birth::now(),
-            inner: Mutex::new(Some(Own::new(publisher))),
+            inner: Mutex::new(Some(Own::new(lender))),
         })
     }
 
@@ -84,7 +96,8 @@ impl Publisher {
     /// straight into the ring: ``publisher.publish(header, pixels)``.
     ///
     /// Raises :class:`MessageTooLargeError` if it does not fit into a slot and :class:`SlotHeldError` if a subscriber's lease
-    /// holds the slot (nothing is published, and the next message gets the number), ``TypeError`` for what has no bytes, ``ValueError`` for an array that is not contiguous, :class:`ClosedError` after :meth:`close`.
+    /// holds the slot (nothing is published, and the next message gets the number), ``TypeError`` for what has no bytes, ``ValueError`` for an array that is not contiguous,
+    /// ``RuntimeError`` while a loan is out, :class:`ClosedError` after :meth:`close`.
     #[pyo3(signature = (message, /, *more))]
     fn publish(
         &self,
@@ -109,9 +122,20 @@ impl Publisher {
         self.publish_parts(py, &parts)
     }
 
+    /// Lends the next slot for a message of ``size`` bytes, to be written in place in a ``with`` block: for large ones.
+    ///
+    /// >>> with publisher.loan(480 * 640) as loan:                        # doctest: +SKIP
+    /// ...     render_into(loan.array("uint8", (480, 640)))
+    ///
+    /// Leaving the block publishes it, unless by an exception. Entering raises as :meth:`publish`, and ``RuntimeError`` while
+    /// another loan is out, as publishing does then. See :class:`Loan` for what holds after the block.
+    fn loan(slf: Py<Self>, size: usize) -> Loan {
+        Loan::of(slf, size)
+    }
+
     /// What there is to know about the topic: a :class:`TopicInfo`.
     fn info<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let info = self.with(py, |publisher| publisher.info())?;
+        let info = self.with(py, |lender| lender.publisher.info())?;
         info::to_python(py, &info)
     }
 
@@ -168,21 +192,52 @@ impl Publisher {
 
 impl Publisher {
     fn publish_parts(&self, py: Python<'_>, parts: &[&[u8]]) -> PyResult<u64> {
-        let publish = |publisher: &mut conduit_ring::Publisher| publisher.publish_slices(parts);
+        let publish = |lender: &mut Lender| Ok::<_, PyErr>(lender.idle()?.publish_slices(parts));
         let small = parts.iter().map(|part| part.len()).sum::<usize>() < WORTH_DETACHING;
         let published = if small {
             self.with(py, publish)
         } else {
             self.with_detached(py, publish)
         };
-        published?.map_err(errors::of_publish)
+        published??.map_err(errors::of_publish)
+    }
+
+    pub(crate) fn lend(&self, py: Python<'_>, size: usize) -> PyResult<SuspendedLoan> {
+        let lent = self.with(py, |lender| {
+            let lent = lender.idle()?.loan(size).map(|loan| loan.suspend());
+            lender.has_lent = lent.is_ok();
+            Ok::<_, PyErr>(lent)
+        })?;
+        lent?.map_err(errors::of_publish)
+    }
+
+    /// Publishes the first `len` bytes of what was lent.
+    pub(crate) fn commit(&self, py: Python<'_>, loan: &SuspendedLoan, len: usize) -> PyResult<()> {
+        let committed = self.with(py, |lender| {
+            lender.has_lent = false;
+            let mut loan = loan.resume(&mut lender.publisher)?;
+            loan.truncate(len);
+            Some(loan.commit())
+        })?;
+        match committed {
+            Some(_) => Ok(()),
+            None => Err(PyRuntimeError::new_err("the loan's slot is taken")),
+        }
+    }
+
+    pub(crate) fn cancel(&self) {
+        if self.birth.is_here()
+            && let Some(lender) = self.lock().as_mut()
+        {
+            lender.get().has_lent = false;
+        }
     }
 
     /// Without letting other threads run, unless one of them publishes right now.
     fn with<R: Send>(
         &self,
         py: Python<'_>,
-        act: impl FnOnce(&mut conduit_ring::Publisher) -> R + Send,
+        act: impl FnOnce(&mut Lender) -> R + Send,
     ) -> PyResult<R> {
         self.birth.check("publisher")?;
         let guard = match self.inner.try_lock() {
@@ -197,23 +252,34 @@ impl Publisher {
     fn with_detached<R: Send>(
         &self,
         py: Python<'_>,
-        act: impl FnOnce(&mut conduit_ring::Publisher) -> R + Send,
+        act: impl FnOnce(&mut Lender) -> R + Send,
     ) -> PyResult<R> {
         self.birth.check("publisher")?;
         py.detach(|| act_on(self.lock(), act))
     }
 
-    fn lock(&self) -> MutexGuard<'_, Option<Own<conduit_ring::Publisher>>> {
+    fn lock(&self) -> MutexGuard<'_, Option<Own<Lender>>> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
+impl Lender {
+    fn idle(&mut self) -> PyResult<&mut conduit_ring::Publisher> {
+        if self.has_lent {
+            return Err(PyRuntimeError::new_err(
+                "a loan of this publisher is out; leave its block first",
+            ));
+        }
+        Ok(&mut self.publisher)
+    }
+}
+
 fn act_on<R>(
-    mut guard: MutexGuard<'_, Option<Own<conduit_ring::Publisher>>>,
-    act: impl FnOnce(&mut conduit_ring::Publisher) -> R,
+    mut guard: MutexGuard<'_, Option<Own<Lender>>>,
+    act: impl FnOnce(&mut Lender) -> R,
 ) -> PyResult<R> {
     match guard.as_mut() {
-        Some(publisher) => Ok(act(publisher.get())),
+        Some(lender) => Ok(act(lender.get())),
         None => Err(errors::closed("publisher")),
     }
 }

@@ -7,7 +7,7 @@ use std::sync::atomic::{
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use conduit_ring::{Error, Policy, Read, Received, Start, SubscriberOptions, Topic, Waker};
+use conduit_ring::{Error, Guard, Policy, Read, Received, Start, SubscriberOptions, Topic, Waker};
 use pyo3::exceptions::{PyRuntimeError, PyTimeoutError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -31,6 +31,10 @@ use crate::timeout::Deadline;
 /// (the newest there is, then new ones) or ``("history", n)`` (the last n still there). A topic that comes into being later
 /// is read from its first message. ``policy`` says what to get after falling behind: ``"all"`` that is still there, in
 /// order, or only the ``"latest"``, which suits controllers and cameras.
+///
+/// ``guard`` says whether to read so that no other process can kill this one by cutting off the topic's file (SIGBUS): that is
+/// a :class:`BadSegmentError` then. It costs a few system calls a message, and leases are copies. ``"auto"`` does so for topics
+/// that belong to another user; ``"always"`` and ``"never"`` say otherwise.
 ///
 /// It outlives its publisher: when one dies or closes, it goes on with the next by itself. :meth:`recv` and iteration give
 /// messages only; :meth:`next_event` and :meth:`events` also say when the publisher goes or comes, and :attr:`publisher_up`
@@ -56,18 +60,20 @@ pub(crate) struct Subscriber {
 #[pymethods]
 impl Subscriber {
     #[new]
-    #[pyo3(signature = (topic, *, start=None, policy="all"), text_signature = "(topic, *, start='new', policy='all')")]
+    #[pyo3(signature = (topic, *, start=None, policy="all", guard="auto"),
+           text_signature = "(topic, *, start='new', policy='all', guard='auto')")]
     fn new(
         py: Python<'_>,
         topic: &str,
         start: Option<&Bound<'_, PyAny>>,
         policy: &str,
+        guard: &str,
     ) -> PyResult<Subscriber> {
         let topic = Topic::new(topic).map_err(errors::of_ring)?;
         let options = SubscriberOptions {
             start: start.map_or(Ok(Start::New), start_of)?,
             policy: policy_of(policy)?,
-            ..SubscriberOptions::default()
+            guard: guard_of(guard)?,
         };
         let subscriber = py
             .detach(|| conduit_ring::Subscriber::open(&topic, &options))
@@ -398,6 +404,17 @@ fn policy_of(given: &str) -> PyResult<Policy> {
         "latest" => Ok(Policy::Latest),
         _ => Err(PyValueError::new_err(format!(
             "policy is {given:?}; accepted are \"all\" and \"latest\""
+        ))),
+    }
+}
+
+fn guard_of(given: &str) -> PyResult<Guard> {
+    match given {
+        "auto" => Ok(Guard::Auto),
+        "always" => Ok(Guard::Always),
+        "never" => Ok(Guard::Never),
+        _ => Err(PyValueError::new_err(format!(
+            "guard is {given:?}; accepted are \"auto\", \"always\" and \"never\""
         ))),
     }
 }

@@ -1,6 +1,5 @@
 import dataclasses
 import os
-from pathlib import Path
 
 import numpy
 import pytest
@@ -8,8 +7,7 @@ import pytest
 from conduit_ring import Message, Publisher, Subscriber, frames, info, now_ns
 from conduit_ring.frames import FrameError, FrameHeader, decode
 from conftest import LIMIT
-
-VECTORS = Path(__file__).parents[2] / "ganglion_messages/tests/vectors"
+from wire_format import vector
 
 HEADER = FrameHeader(
     width=640,
@@ -28,11 +26,6 @@ HEADER = FrameHeader(
 )
 
 
-def vector(name):
-    lines = (VECTORS / name).read_text().splitlines()
-    return bytes.fromhex("".join(line.partition("#")[0] for line in lines))
-
-
 def grey(height, width, /, apart=None, extra=b"", **changes):
     """A frame whose pixel (row, column) is row * 10 + column."""
     apart = apart or width
@@ -42,7 +35,7 @@ def grey(height, width, /, apart=None, extra=b"", **changes):
 
 
 def test_the_header_is_that_of_the_test_vector():
-    data = vector("frame_header.hex")
+    data = vector("frame_header")
     assert FrameHeader.parse(data) == HEADER
     assert HEADER.encode() == data
     assert len(data) == FrameHeader.SIZE == 44

@@ -1,8 +1,10 @@
+import os
 import threading
 
 import pytest
 
 from conduit_ring import (
+    BadSegmentError,
     ClosedError,
     Message,
     NoReaderSlotError,
@@ -261,3 +263,24 @@ def test_a_subscriber_tells_about_its_topic(topic):
             subscriber.info()
         with Publisher(topic):
             assert subscriber.info().state == "live"
+
+
+def test_a_guarded_subscriber_survives_a_file_that_is_cut_off(topic):
+    with Publisher(topic) as publisher, Subscriber(topic, guard="always") as guarded:
+        with Subscriber(topic, guard="never") as trusting:
+            assert len(publisher.info().readers) == 1, "a guarded one does not show"
+            publisher.publish(b"one")
+            assert trusting.recv(timeout=0).data == guarded.recv(timeout=0).data == b"one"
+        publisher.publish(b"two")
+        with guarded.lease(timeout=0) as lease:
+            assert (lease.data, lease.holds_slot) == (b"two", False)
+        publisher.publish(b"gone")
+        # The header stays, the slots go.
+        os.truncate(f"/dev/shm/conduit_{topic}", 1216)
+        with pytest.raises(BadSegmentError, match=f"conduit_{topic}"):
+            guarded.try_read()
+
+
+def test_a_wrong_guard_is_refused(topic):
+    with pytest.raises(ValueError, match='guard is "maybe"; accepted are "auto", "always" and "never"'):
+        Subscriber(topic, guard="maybe")

@@ -1,12 +1,17 @@
-//! The encodings against bytes that were worked out by hand.
+//! The encodings against the dumps of docs/wire-format.md, which were worked out by hand and not by the code that they test.
 
 use ganglion_messages::frame::{Frame, FrameError, FrameHeader, GREY};
 use ganglion_messages::imu::Imu;
 use ganglion_messages::stamp::Stamp;
 use ganglion_messages::tags::{FrameSource, TagDetection, TagDetections};
 
-fn vector(text: &str) -> Vec<u8> {
-    text.lines()
+const PAGE: &str = include_str!("../../../docs/wire-format.md");
+
+/// The bytes of the page's dump with this name.
+fn vector(name: &str) -> Vec<u8> {
+    let (_, rest) = PAGE.split_once(&format!("\n```hex {name}\n")).unwrap();
+    let (dump, _) = rest.split_once("\n```").unwrap();
+    dump.lines()
         .flat_map(|line| line.split('#').next().unwrap_or("").split_whitespace())
         .map(|pair| u8::from_str_radix(pair, 16).expect("two hexadecimal digits"))
         .collect()
@@ -107,42 +112,42 @@ fn frame_header() -> FrameHeader {
 
 #[test]
 fn an_imu_sample_is_written_as_the_vector_says() {
-    assert_eq!(imu().encode(), vector(include_str!("vectors/imu.hex")));
+    assert_eq!(imu().encode(), vector("imu"));
 }
 
 #[test]
 fn an_imu_sample_is_read_as_the_vector_says() {
-    let message = vector(include_str!("vectors/imu.hex"));
+    let message = vector("imu");
     assert_eq!(Imu::decode(&message), Ok(imu()));
 }
 
 #[test]
 fn detections_are_written_as_the_vector_says() {
-    assert_eq!(tags().encode(), vector(include_str!("vectors/tags.hex")));
+    assert_eq!(tags().encode(), vector("tags"));
 }
 
 #[test]
 fn detections_are_read_as_the_vector_says() {
-    let message = vector(include_str!("vectors/tags.hex"));
+    let message = vector("tags");
     assert_eq!(TagDetections::decode(&message), Ok(tags()));
 }
 
 #[test]
 fn a_frame_without_tags_is_written_and_read_as_the_vector_says() {
-    let message = vector(include_str!("vectors/tags_none.hex"));
+    let message = vector("tags_none");
     assert_eq!(no_tags().encode(), message);
     assert_eq!(TagDetections::decode(&message), Ok(no_tags()));
 }
 
 #[test]
 fn a_frame_header_is_written_as_the_vector_says() {
-    let expected = vector(include_str!("vectors/frame_header.hex"));
+    let expected = vector("frame_header");
     assert_eq!(frame_header().encode()[..], expected[..]);
 }
 
 #[test]
 fn a_frame_is_read_as_the_vector_says() {
-    let mut message = vector(include_str!("vectors/frame_header.hex"));
+    let mut message = vector("frame_header");
     message.resize(44 + 704 * 480, 9);
     let frame = Frame::decode(&message).expect("a frame");
     assert_eq!(frame.header, frame_header());
@@ -152,7 +157,7 @@ fn a_frame_is_read_as_the_vector_says() {
 
 #[test]
 fn a_frame_header_without_its_pixels_is_truncated() {
-    let message = vector(include_str!("vectors/frame_header.hex"));
+    let message = vector("frame_header");
     assert_eq!(
         Frame::decode(&message),
         Err(FrameError::Truncated {

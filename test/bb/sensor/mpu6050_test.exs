@@ -2,7 +2,7 @@ defmodule BB.Sensor.Mpu6050Test do
   use ExUnit.Case, async: true
 
   alias BB.Bus.Sim
-  alias BB.Bus.Sim.{I2C, Motion, Recording}
+  alias BB.Bus.Sim.{I2C, Motion}
   alias BB.Message.Sensor.Imu
   alias BB.Sensor.Mpu6050
   alias BB.Sensor.Mpu6050.Registers
@@ -196,11 +196,11 @@ defmodule BB.Sensor.Mpu6050Test do
       # The test gives the rhythm: ticks may come at any time, those of the loop among them.
       test "are those of the recording, each within one step of the range, none left out or doubled",
            context do
-        recording = Recording.load!(@recording)
+        recording = BB.Bus.Sim.Recording.load!(@recording)
         plug(context, source: {:stepped, recording})
         pid = start!(sensor(context, rate: 4, accel_range: 2, gyro_range: 500))
-        assert Recording.size(recording) == 7000
-        [first | others] = Recording.samples(recording)
+        assert BB.Bus.Sim.Recording.size(recording) == 7000
+        [first | others] = BB.Bus.Sim.Recording.samples(recording)
         assert_imu(receive_imu().payload, first, 2, 500)
         for _ <- others, do: send(pid, :tick)
         for sample <- others, do: assert_imu(receive_imu().payload, sample, 2, 500)

@@ -113,7 +113,9 @@ impl Scene {
     /// Never beyond the end: a longer file is not what is asked about.
     fn write(&self, at: usize, bytes: &[u8]) {
         let room = self.len - at;
-        let _ = self.file.write_all_at(&bytes[..bytes.len().min(room)], at as u64);
+        let _ = self
+            .file
+            .write_all_at(&bytes[..bytes.len().min(room)], at as u64);
     }
 
     /// Gives geometry and content tag the checksum that a sound file has.

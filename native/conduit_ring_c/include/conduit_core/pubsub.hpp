@@ -4,12 +4,14 @@
 /// std::system_error whose what() is a sentence and whose code() is the errno.
 #pragma once
 
+#include <cerrno>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include <conduit_ring.h>
 
@@ -25,6 +27,45 @@ struct RingBufferConfig {
   std::uint32_t slot_count = 16;
   /// In bytes, the slot's 20-byte header included. Rounded up to a multiple of 64.
   std::uint32_t slot_size = 4096;
+};
+
+/// A slot that is being filled, from Publisher::loan(): the message is written where it will be read. Its publisher must
+/// outlive it, and publishes nothing else meanwhile.
+class Loan {
+public:
+  Loan(Loan&&) noexcept = default;
+  Loan& operator=(Loan&& other) noexcept = default;
+
+  /// Where to write: size() bytes of any alignment, which hold older messages until they are overwritten.
+  void* data() const noexcept { return data_; }
+
+  /// In bytes.
+  std::size_t size() const noexcept { return size_; }
+
+  /// Publishes the message, or its first `size` bytes, and returns its sequence number. Once.
+  std::uint64_t commit() { return commit(size_); }
+  std::uint64_t commit(std::size_t size) {
+    if (!publisher_) throw Error(EINVAL, "the loan was committed or moved from");
+    std::uint64_t sequence = 0;
+    detail::check(conduit_ring_publisher_commit(publisher_.get(), size, &sequence));
+    static_cast<void>(publisher_.release());
+    return sequence;
+  }
+
+private:
+  friend class Publisher;
+
+  struct Cancel {
+    void operator()(conduit_ring_publisher* publisher) const noexcept { conduit_ring_publisher_cancel(publisher); }
+  };
+
+  Loan(conduit_ring_publisher* publisher, void* data, std::size_t size) noexcept
+      : publisher_(publisher), data_(data), size_(size) {}
+
+  /// Null once it is committed.
+  std::unique_ptr<conduit_ring_publisher, Cancel> publisher_;
+  void* data_;
+  std::size_t size_;
 };
 
 /// The one publisher of a topic. Closes it when destroyed. May be used by several threads at once.
@@ -52,6 +93,17 @@ public:
     return true;
   }
 
+  /// Lends the next slot, for a message of up to `size` bytes that is written in place. Nothing is published before
+  /// Loan::commit(); a loan that is destroyed without it publishes nothing. Nothing is lent where publish() would be false.
+  /// Until the loan is gone, publishing anything else throws.
+  std::optional<Loan> loan(std::size_t size) {
+    void* data = nullptr;
+    const int status = conduit_ring_publisher_loan(handle_.get(), size, &data);
+    if (status == -EMSGSIZE || status == -EBUSY) return std::nullopt;
+    detail::check(status);
+    return Loan(handle_.get(), data, size);
+  }
+
   const std::string& topic() const noexcept { return topic_; }
 
 private:
@@ -63,6 +115,45 @@ private:
   std::unique_ptr<conduit_ring_publisher, Close> handle_;
 };
 
+/// Whether to read a topic without touching memory that another process could take away: see CONDUIT_RING_GUARD_AUTO.
+enum class Guard : std::uint32_t {
+  /// When the topic's file belongs to another user.
+  automatic = CONDUIT_RING_GUARD_AUTO,
+  always = CONDUIT_RING_GUARD_ALWAYS,
+  /// All who may write the file are trusted.
+  never = CONDUIT_RING_GUARD_NEVER,
+};
+
+/// A message that stays where it lies, in its slot of the ring, until the lease is destroyed. The publisher leaves the slot
+/// alone meanwhile, and does not wait: when it comes to this slot again, it drops its new messages. So destroy it within
+/// slot_count - 1 periods of the topic. It may outlive its subscriber and go to other threads.
+class Lease {
+public:
+  /// Of any alignment.
+  const void* data() const noexcept { return conduit_ring_lease_data(handle_.get()); }
+
+  /// In bytes.
+  std::size_t size() const noexcept { return meta().size_bytes; }
+
+  /// As of Message.
+  std::uint64_t sequence() const noexcept { return meta().sequence; }
+  std::uint64_t timestamp_ns() const noexcept { return meta().timestamp_ns; }
+  std::uint64_t lost() const noexcept { return meta().lost; }
+
+  /// Whether the publisher leaves a slot alone for it. It is a copy where none would: a legacy publisher, a guarded topic,
+  /// a message that is about to be overwritten.
+  bool holds_slot() const noexcept { return conduit_ring_lease_holds_slot(handle_.get()); }
+
+private:
+  friend class Subscriber;
+  using Handle = std::unique_ptr<conduit_ring_lease, detail::Release>;
+
+  explicit Lease(Handle handle) noexcept : handle_(std::move(handle)) {}
+  conduit_ring_meta meta() const noexcept { return conduit_ring_lease_meta(handle_.get()); }
+
+  Handle handle_;
+};
+
 /// One reader of a topic: messages published from now on, each one that is still there. May be used by one thread at a
 /// time.
 ///
@@ -70,7 +161,11 @@ private:
 class Subscriber {
 public:
   /// Waits until the topic exists. Throws when 16 others read it.
-  Subscriber(const std::string& topic) : reader_(topic) { reader_.await_topic(); }
+  Subscriber(const std::string& topic) : Subscriber(topic, Guard::automatic) {}
+
+  Subscriber(const std::string& topic, Guard guard) : reader_(topic, static_cast<std::uint32_t>(guard)) {
+    reader_.await_topic();
+  }
 
   /// Waits for the next message.
   Message wait() {
@@ -90,20 +185,42 @@ public:
 
   /// Waits for the next message, but not longer than `timeout`.
   std::optional<Message> wait_for(std::chrono::nanoseconds timeout) {
-    using Clock = std::chrono::steady_clock;
-    const bool endless = timeout > std::chrono::hours(24 * 365 * 100);
-    const Clock::time_point deadline = endless ? Clock::time_point::max() : Clock::now() + timeout;
+    if (!in_time(timeout, [this](auto left) { return reader_.read(left); })) return std::nullopt;
+    return reader_.message();
+  }
+
+  /// As wait(), try_read() and wait_for(), without copying the message. Throw (EMFILE) when three leases are held already.
+  Lease wait_lease() {
     for (;;) {
-      const std::chrono::nanoseconds left = endless ? timeout : deadline - Clock::now();
-      const detail::Event event = reader_.read(left);
-      if (event == detail::Event::message) return reader_.message();
-      if (event == detail::Event::nothing) return std::nullopt;
+      if (auto lease = wait_lease_for(std::chrono::nanoseconds::max())) return std::move(*lease);
     }
+  }
+
+  std::optional<Lease> try_lease() { return wait_lease_for(std::chrono::nanoseconds::zero()); }
+
+  std::optional<Lease> wait_lease_for(std::chrono::nanoseconds timeout) {
+    Lease::Handle handle;
+    if (!in_time(timeout, [&](auto left) { return reader_.lease(left, handle); })) return std::nullopt;
+    return Lease(std::move(handle));
   }
 
   const std::string& topic() const noexcept { return reader_.topic(); }
 
 private:
+  /// Reads until a message comes: true, or the time is up.
+  template <class Read>
+  static bool in_time(std::chrono::nanoseconds timeout, Read&& read) {
+    using Clock = std::chrono::steady_clock;
+    const bool endless = timeout > std::chrono::hours(24 * 365 * 100);
+    const Clock::time_point deadline = endless ? Clock::time_point::max() : Clock::now() + timeout;
+    for (;;) {
+      const std::chrono::nanoseconds left = endless ? timeout : deadline - Clock::now();
+      const detail::Event event = read(left);
+      if (event == detail::Event::message) return true;
+      if (event == detail::Event::nothing) return false;
+    }
+  }
+
   detail::Reader reader_;
 };
 

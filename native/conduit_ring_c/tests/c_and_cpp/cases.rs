@@ -40,6 +40,12 @@ cases! { C, in_c, C_CASES:
     a_topic_can_be_looked_at_from_outside
     geometries_are_rounded_up
     the_clock_is_the_one_that_stamps_messages
+    a_lease_keeps_a_message_in_its_slot_until_it_is_released
+    a_fourth_lease_is_refused_and_its_message_kept
+    a_lease_tells_events_and_begins_with_the_message_that_was_kept
+    a_loan_is_published_when_it_is_committed
+    a_guarded_subscriber_survives_a_file_that_is_cut_off
+    a_segment_is_made_and_read_as_the_wire_format_says
 }
 
 cases! { CPP, in_cpp, CPP_CASES:
@@ -66,6 +72,12 @@ cases! { CPP, in_cpp, CPP_CASES:
     one_signal_stops_several_nodes
     callbacks_may_add_subscriptions
     a_wrong_rate_throws
+    a_lease_holds_its_message_until_it_is_destroyed
+    a_fourth_lease_throws
+    leases_can_be_moved_and_outlive_their_subscriber
+    a_loan_is_published_by_commit_and_not_otherwise
+    a_guarded_subscriber_throws_when_the_file_is_cut_off
+    a_camera_frame_is_laid_out_as_the_wire_format_says
     running_a_running_node_throws
 }
 

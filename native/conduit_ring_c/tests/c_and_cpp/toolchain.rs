@@ -128,8 +128,10 @@ pub fn succeed(command: &mut Command) -> Output {
 /// Compiles `programs/<source>` and links it with the static library.
 fn build(language: Language, source: &str, flags: &[&str], to: &Path) -> Option<()> {
     let mut compile = language.compile()?;
+    let page = home().join("../../docs/wire-format.md");
     compile
         .args(flags)
+        .arg(format!("-DWIRE_FORMAT=\"{}\"", page.display()))
         .arg(home().join("tests/c_and_cpp/programs").join(source))
         .arg(built_dir().join("libconduit_ring_c.a"))
         .args(["-ldl", "-lm", "-o"])

@@ -32,6 +32,7 @@ import os as _os
 from . import _native
 from ._native import (
     Lease,
+    Loan,
     Message,
     Publisher,
     Subscriber,
@@ -63,6 +64,7 @@ __all__ = [
     "ClosedError",
     "Lease",
     "LeaseLimitError",
+    "Loan",
     "Message",
     "MessageTooLargeError",
     "NoReaderSlotError",

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def view(buffer: Any, dtype: Any = None, shape: Any = None, offset: int = 0) -> NDArray[Any]:
-    """A read-only array over a buffer whose bytes stay where they are while it lives. Nothing is copied."""
+    """An array over a buffer whose bytes stay where they are while it lives, as writable as it is. Nothing is copied."""
     import numpy
 
     dtype = numpy.dtype("uint8" if dtype is None else dtype)

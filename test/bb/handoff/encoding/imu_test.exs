@@ -22,7 +22,7 @@ defmodule BB.Handoff.Encoding.ImuTest do
   end
 
   test "the vector that all languages share decodes to its values" do
-    assert {:ok, message} = Imu.decode(Vectors.read!("imu.hex"))
+    assert {:ok, message} = Imu.decode(Vectors.read!("imu"))
     assert message.frame_id == @frame_id
     assert message.wall_time == 1_700_000_000_123_456_789
     assert message.payload.orientation == Quaternion.identity()
@@ -32,7 +32,7 @@ defmodule BB.Handoff.Encoding.ImuTest do
   end
 
   test "what it decodes, it encodes to the same bytes" do
-    bytes = Vectors.read!("imu.hex")
+    bytes = Vectors.read!("imu")
     {:ok, message} = Imu.decode(bytes)
     assert IO.iodata_to_binary(Imu.encode(message)) == bytes
   end
@@ -62,6 +62,6 @@ defmodule BB.Handoff.Encoding.ImuTest do
   end
 
   test "half a message is an error" do
-    assert {:error, {:truncated, _}} = Imu.decode(binary_part(Vectors.read!("imu.hex"), 0, 100))
+    assert {:error, {:truncated, _}} = Imu.decode(binary_part(Vectors.read!("imu"), 0, 100))
   end
 end

@@ -6,7 +6,7 @@ defmodule BB.Handoff.Encoding.TagDetectionsTest do
 
   test "the vector that all languages share decodes to its values" do
     before = BB.Ring.now_ns()
-    assert {:ok, %{payload: found} = message} = TagDetections.decode(Vectors.read!("tags.hex"))
+    assert {:ok, %{payload: found} = message} = TagDetections.decode(Vectors.read!("tags"))
     assert length(found.detections) == 2
 
     assert [
@@ -25,25 +25,25 @@ defmodule BB.Handoff.Encoding.TagDetectionsTest do
 
   test "a frame without tags is a message without detections, and an unknown speed is nil" do
     assert {:ok, %{payload: %{detections: [], angular_speed: nil}}} =
-             TagDetections.decode(Vectors.read!("tags_none.hex"))
+             TagDetections.decode(Vectors.read!("tags_none"))
   end
 
   test "a message without our tail is an error" do
-    bytes = Vectors.read!("tags_none.hex")
+    bytes = Vectors.read!("tags_none")
 
     assert {:error, {:truncated, _}} =
              TagDetections.decode(binary_part(bytes, 0, byte_size(bytes) - 1))
   end
 
   test "a tail of another kind is an error that says which" do
-    bytes = "tags_none.hex" |> Vectors.read!() |> String.replace("GNGT", "OTHR")
+    bytes = "tags_none" |> Vectors.read!() |> String.replace("GNGT", "OTHR")
     assert {:error, {:unknown_tail, magic, 1}} = TagDetections.decode(bytes)
     assert <<magic::little-32>> == "OTHR"
   end
 
   # The capture time of the vector, where the tail has it: 24 bytes before the end.
   defp capture_ns do
-    bytes = Vectors.read!("tags.hex")
+    bytes = Vectors.read!("tags")
     <<time::little-64, _speed::64>> = binary_part(bytes, byte_size(bytes), -16)
     time
   end

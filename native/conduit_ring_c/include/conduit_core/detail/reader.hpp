@@ -14,16 +14,26 @@
 
 namespace conduit::detail {
 
+/// Frees what conduit_ring.h has made.
+struct Release {
+  void operator()(conduit_ring_subscriber* subscriber) const noexcept { conduit_ring_subscriber_close(subscriber); }
+  void operator()(conduit_ring_message* message) const noexcept { conduit_ring_message_free(message); }
+  void operator()(conduit_ring_waker* waker) const noexcept { conduit_ring_waker_free(waker); }
+  void operator()(conduit_ring_lease* lease) const noexcept { conduit_ring_lease_release(lease); }
+};
+
 /// What a read gave. `nothing`: nothing there, not in time, or woken.
 enum class Event { nothing, message, publisher_up, publisher_down };
 
 class Reader {
 public:
   /// Does not wait for the topic.
-  explicit Reader(const std::string& topic) : topic_(topic) {
+  explicit Reader(const std::string& topic, std::uint32_t guard = CONDUIT_RING_GUARD_AUTO) : topic_(topic) {
     check_abi();
+    conduit_ring_subscriber_options options = CONDUIT_RING_SUBSCRIBER_OPTIONS_INIT;
+    options.guard = guard;
     conduit_ring_subscriber* subscriber = nullptr;
-    check(conduit_ring_subscriber_open(c_text(topic), nullptr, &subscriber));
+    check(conduit_ring_subscriber_open(c_text(topic), &options, &subscriber));
     subscriber_.reset(subscriber);
     conduit_ring_message* buffer = nullptr;
     check(conduit_ring_message_new(&buffer));
@@ -46,9 +56,17 @@ public:
   }
 
   Event read(std::chrono::nanoseconds timeout) {
-    const auto timeout_ns = timeout.count() > 0 ? static_cast<std::uint64_t>(timeout.count()) : 0;
     std::uint32_t event = 0;
-    const int status = conduit_ring_subscriber_read(subscriber_.get(), buffer_.get(), timeout_ns, &event);
+    const int status = conduit_ring_subscriber_read(subscriber_.get(), buffer_.get(), count(timeout), &event);
+    return tell(status, event);
+  }
+
+  /// After Event::message the lease is there.
+  Event lease(std::chrono::nanoseconds timeout, std::unique_ptr<conduit_ring_lease, Release>& lease) {
+    std::uint32_t event = 0;
+    conduit_ring_lease* taken = nullptr;
+    const int status = conduit_ring_subscriber_lease(subscriber_.get(), count(timeout), &taken, &event);
+    lease.reset(taken);
     return tell(status, event);
   }
 
@@ -63,11 +81,9 @@ public:
   const std::string& topic() const noexcept { return topic_; }
 
 private:
-  struct Close {
-    void operator()(conduit_ring_subscriber* subscriber) const noexcept { conduit_ring_subscriber_close(subscriber); }
-    void operator()(conduit_ring_message* message) const noexcept { conduit_ring_message_free(message); }
-    void operator()(conduit_ring_waker* waker) const noexcept { conduit_ring_waker_free(waker); }
-  };
+  static std::uint64_t count(std::chrono::nanoseconds timeout) noexcept {
+    return timeout.count() > 0 ? static_cast<std::uint64_t>(timeout.count()) : 0;
+  }
 
   static bool is_nothing(int status) noexcept {
     return status == -EAGAIN || status == -ETIMEDOUT || status == -ECANCELED;
@@ -84,9 +100,9 @@ private:
   }
 
   std::string topic_;
-  std::unique_ptr<conduit_ring_subscriber, Close> subscriber_;
-  std::unique_ptr<conduit_ring_message, Close> buffer_;
-  std::unique_ptr<conduit_ring_waker, Close> waker_;
+  std::unique_ptr<conduit_ring_subscriber, Release> subscriber_;
+  std::unique_ptr<conduit_ring_message, Release> buffer_;
+  std::unique_ptr<conduit_ring_waker, Release> waker_;
 };
 
 }  // namespace conduit::detail

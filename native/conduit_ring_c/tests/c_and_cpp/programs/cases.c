@@ -12,6 +12,8 @@
 
 #include <conduit_ring.h>
 
+#include "wire_format.h"
+
 #define CHECK(condition) \
     ((condition) ? (void)0 \
                  : (fprintf(stderr, "line %d: %s; last error: %s\n", __LINE__, #condition, conduit_ring_last_error()), exit(1)))
@@ -106,8 +108,21 @@ static void every_null_and_every_wrong_value_is_refused_with_a_sentence(void) {
     how.start = 0;
     how.policy = 9;
     FAILS(EINVAL, "policy is 9", conduit_ring_subscriber_open(topic, &how, &subscriber));
+    how.policy = 0;
+    how.guard = 9;
+    FAILS(EINVAL, "guard is 9", conduit_ring_subscriber_open(topic, &how, &subscriber));
     conduit_ring_message *message = message_of_nothing();
     FAILS(EINVAL, "message is NULL", conduit_ring_message_new(NULL));
+    conduit_ring_lease *lease = (void *)1;
+    FAILS(EINVAL, "subscriber is NULL", conduit_ring_subscriber_lease(NULL, 0, &lease, &event));
+    CHECK(lease == NULL && conduit_ring_lease_data(NULL) == NULL && !conduit_ring_lease_holds_slot(NULL));
+    CHECK(conduit_ring_lease_meta(NULL).size_bytes == 0);
+    conduit_ring_lease_release(NULL);
+    void *lent = (void *)1;
+    FAILS(EINVAL, "publisher is NULL", conduit_ring_publisher_loan(NULL, 1, &lent));
+    CHECK(lent == NULL);
+    FAILS(EINVAL, "publisher is NULL", conduit_ring_publisher_commit(NULL, 1, NULL));
+    FAILS(EINVAL, "publisher is NULL", conduit_ring_publisher_cancel(NULL));
     FAILS(EINVAL, "subscriber is NULL", conduit_ring_subscriber_try_read(NULL, message, &event));
     FAILS(EINVAL, "subscriber is NULL", conduit_ring_subscriber_read(NULL, message, 0, &event));
     FAILS(EINVAL, "subscriber is NULL", conduit_ring_subscriber_try_read_into(NULL, bytes, 8, &meta, &event));
@@ -136,6 +151,10 @@ static void every_null_and_every_wrong_value_is_refused_with_a_sentence(void) {
     FAILS(EINVAL, "parts is NULL", conduit_ring_publisher_publish_parts(publisher, NULL, 1, NULL));
     FAILS(EINVAL, "data of a part is NULL", conduit_ring_publisher_publish_parts(publisher, &lost_part, 1, NULL));
     FAILS(EINVAL, "info is NULL", conduit_ring_publisher_info(publisher, NULL));
+    FAILS(EINVAL, "data is NULL", conduit_ring_publisher_loan(publisher, 1, NULL));
+    FAILS(EINVAL, "no loan", conduit_ring_publisher_commit(publisher, 0, NULL));
+    FAILS(EINVAL, "lease is NULL", conduit_ring_subscriber_lease(subscriber, 0, NULL, &event));
+    FAILS(EINVAL, "event is NULL", conduit_ring_subscriber_lease(subscriber, 0, &lease, NULL));
     FAILS(EINVAL, "message is NULL", conduit_ring_subscriber_try_read(subscriber, NULL, &event));
     FAILS(EINVAL, "event is NULL", conduit_ring_subscriber_try_read(subscriber, message, NULL));
     FAILS(EINVAL, "event is NULL", conduit_ring_subscriber_read(subscriber, message, 0, NULL));
@@ -169,7 +188,7 @@ static void options_of_another_version_are_refused(void) {
     conduit_ring_subscriber_options newer = CONDUIT_RING_SUBSCRIBER_OPTIONS_INIT;
     newer.abi_version += 1;
     conduit_ring_subscriber *subscriber;
-    FAILS(EINVAL, "abi_version 2", conduit_ring_subscriber_open(topic, &newer, &subscriber));
+    FAILS(EINVAL, "abi_version 3", conduit_ring_subscriber_open(topic, &newer, &subscriber));
 }
 
 static void messages_of_one_part_and_of_many_arrive_whole(void) {
@@ -427,6 +446,205 @@ static void the_clock_is_the_one_that_stamps_messages(void) {
     CHECK(wall_s - now.tv_sec < 60 && now.tv_sec - wall_s < 60);
 }
 
+static conduit_ring_lease *lease_of_next(conduit_ring_subscriber *subscriber, const char *text) {
+    uint32_t event = 0;
+    conduit_ring_lease *lease;
+    CHECK(conduit_ring_subscriber_lease(subscriber, LONG, &lease, &event) == 0);
+    CHECK(event == CONDUIT_RING_EVENT_MESSAGE && lease != NULL);
+    CHECK(conduit_ring_lease_meta(lease).size_bytes == strlen(text));
+    CHECK(memcmp(conduit_ring_lease_data(lease), text, strlen(text)) == 0);
+    return lease;
+}
+
+static void a_lease_keeps_a_message_in_its_slot_until_it_is_released(void) {
+    conduit_ring_publisher *publisher = publisher_of(4, 64);
+    conduit_ring_subscriber *subscriber = subscriber_of(0, 0, 0);
+    uint32_t event;
+    conduit_ring_lease *lease;
+    CHECK(conduit_ring_subscriber_lease(subscriber, 0, &lease, &event) == -ETIMEDOUT && lease == NULL);
+    CHECK(conduit_ring_subscriber_lease(subscriber, MS, &lease, &event) == -ETIMEDOUT && lease == NULL);
+    publish(publisher, "first");
+    conduit_ring_lease_release(lease_of_next(subscriber, "first"));
+
+    publish(publisher, "held");
+    lease = lease_of_next(subscriber, "held");
+    CHECK(conduit_ring_lease_holds_slot(lease));
+    CHECK(conduit_ring_lease_meta(lease).sequence == 1 && conduit_ring_lease_meta(lease).lost == 0);
+    for (int i = 0; i < 3; ++i) publish(publisher, "other");
+    FAILS(EBUSY, "holds the slot", conduit_ring_publisher_publish(publisher, "x", 1, NULL));
+    void *lent;
+    FAILS(EBUSY, "holds the slot", conduit_ring_publisher_loan(publisher, 1, &lent));
+    CHECK(memcmp(conduit_ring_lease_data(lease), "held", 4) == 0);
+    conduit_ring_lease_release(lease);
+    publish(publisher, "after");
+    conduit_ring_info info;
+    CHECK(conduit_ring_publisher_info(publisher, &info) == 0 && info.dropped_pinned == 2 && info.published == 6);
+    conduit_ring_subscriber_close(subscriber);
+    conduit_ring_publisher_close(publisher);
+}
+
+static void a_fourth_lease_is_refused_and_its_message_kept(void) {
+    conduit_ring_publisher *publisher = publisher_of(16, 64);
+    conduit_ring_subscriber *subscriber = subscriber_of(0, 0, 0);
+    const char *const texts[] = {"one", "two", "three"};
+    conduit_ring_lease *leases[3];
+    for (int i = 0; i < 3; ++i) {
+        publish(publisher, texts[i]);
+        leases[i] = lease_of_next(subscriber, texts[i]);
+    }
+    publish(publisher, "four");
+    uint32_t event;
+    conduit_ring_lease *lease = (void *)1;
+    FAILS(EMFILE, "3 leases", conduit_ring_subscriber_lease(subscriber, 0, &lease, &event));
+    CHECK(lease == NULL);
+    conduit_ring_lease_release(leases[1]);
+    leases[1] = lease_of_next(subscriber, "four");
+    conduit_ring_subscriber_close(subscriber);
+    CHECK(memcmp(conduit_ring_lease_data(leases[2]), "three", 5) == 0);
+    for (int i = 0; i < 3; ++i) conduit_ring_lease_release(leases[i]);
+    conduit_ring_publisher_close(publisher);
+}
+
+static void a_lease_tells_events_and_begins_with_the_message_that_was_kept(void) {
+    conduit_ring_subscriber *subscriber = subscriber_of(0, 0, 0);
+    conduit_ring_publisher *publisher = publisher_of(16, 64);
+    uint32_t event;
+    conduit_ring_lease *lease = (void *)1;
+    CHECK(conduit_ring_subscriber_lease(subscriber, LONG, &lease, &event) == 0);
+    CHECK(event == CONDUIT_RING_EVENT_PUBLISHER_UP && lease == NULL);
+    publish(publisher, "too long for it");
+    publish(publisher, "next");
+    char bytes[4];
+    conduit_ring_meta meta;
+    FAILS(ENOBUFS, "is kept", conduit_ring_subscriber_try_read_into(subscriber, bytes, 4, &meta, &event));
+    lease = lease_of_next(subscriber, "too long for it");
+    CHECK(!conduit_ring_lease_holds_slot(lease) && conduit_ring_lease_meta(lease).sequence == 0);
+    conduit_ring_lease_release(lease);
+    conduit_ring_lease_release(lease_of_next(subscriber, "next"));
+    conduit_ring_publisher_close(publisher);
+    CHECK(conduit_ring_subscriber_lease(subscriber, LONG, &lease, &event) == 0);
+    CHECK(event == CONDUIT_RING_EVENT_PUBLISHER_DOWN && lease == NULL);
+    conduit_ring_subscriber_close(subscriber);
+}
+
+static void a_loan_is_published_when_it_is_committed(void) {
+    conduit_ring_publisher *publisher = publisher_of(4, 64);
+    conduit_ring_subscriber *subscriber = subscriber_of(0, 0, 0);
+    conduit_ring_message *message = message_of_nothing();
+    uint32_t event;
+    uint64_t sequence = 9;
+    void *data, *second = (void *)1;
+    FAILS(EMSGSIZE, "45", conduit_ring_publisher_loan(publisher, 45, &second));
+    CHECK(second == NULL);
+    CHECK(conduit_ring_publisher_loan(publisher, 44, &data) == 0);
+    memcpy(data, "in place", 8);
+    CHECK(conduit_ring_subscriber_try_read(subscriber, message, &event) == -EAGAIN);
+    FAILS(EALREADY, "loan", conduit_ring_publisher_publish(publisher, "x", 1, NULL));
+    FAILS(EALREADY, "loan", conduit_ring_publisher_publish_parts(publisher, NULL, 0, NULL));
+    FAILS(EALREADY, "loan", conduit_ring_publisher_loan(publisher, 1, &second));
+    FAILS(EINVAL, "45 bytes cannot be committed of a loan of 44", conduit_ring_publisher_commit(publisher, 45, NULL));
+    CHECK(conduit_ring_publisher_commit(publisher, 8, &sequence) == 0 && sequence == 0);
+    expect_event(subscriber, message, CONDUIT_RING_EVENT_MESSAGE);
+    expect_text(message, "in place");
+
+    CHECK(conduit_ring_publisher_loan(publisher, 5, &data) == 0);
+    memcpy(data, "never", 5);
+    CHECK(conduit_ring_publisher_cancel(publisher) == 0);
+    CHECK(conduit_ring_publisher_cancel(publisher) == 0);
+    FAILS(EINVAL, "no loan", conduit_ring_publisher_commit(publisher, 5, NULL));
+    publish(publisher, "instead");
+    expect_event(subscriber, message, CONDUIT_RING_EVENT_MESSAGE);
+    expect_text(message, "instead");
+    CHECK(conduit_ring_message_meta(message).sequence == 1 && conduit_ring_message_meta(message).lost == 0);
+
+    CHECK(conduit_ring_publisher_loan(publisher, 0, &data) == 0);
+    CHECK(conduit_ring_publisher_commit(publisher, 0, &sequence) == 0 && sequence == 2);
+    CHECK(conduit_ring_publisher_loan(publisher, 5, &data) == 0);
+    conduit_ring_publisher_close(publisher);
+    conduit_ring_message_free(message);
+    conduit_ring_subscriber_close(subscriber);
+}
+
+static void a_guarded_subscriber_survives_a_file_that_is_cut_off(void) {
+    conduit_ring_publisher *publisher = publisher_of(4, 8192);
+    conduit_ring_subscriber_options options = CONDUIT_RING_SUBSCRIBER_OPTIONS_INIT;
+    options.guard = CONDUIT_RING_GUARD_ALWAYS;
+    conduit_ring_subscriber *subscriber;
+    CHECK(conduit_ring_subscriber_open(topic, &options, &subscriber) == 0);
+    conduit_ring_message *message = message_of_nothing();
+    publish(publisher, "guarded");
+    expect_event(subscriber, message, CONDUIT_RING_EVENT_MESSAGE);
+    expect_text(message, "guarded");
+    publish(publisher, "leased");
+    conduit_ring_lease *lease = lease_of_next(subscriber, "leased");
+    CHECK(!conduit_ring_lease_holds_slot(lease));
+    publish(publisher, "gone");
+    conduit_ring_publisher_abandon(publisher);
+    char path[300];
+    uint32_t event;
+    snprintf(path, sizeof path, "/dev/shm/conduit_%s", topic);
+    CHECK(truncate(path, 100) == 0);
+    FAILS(EPROTO, "conduit_", conduit_ring_subscriber_try_read(subscriber, message, &event));
+    CHECK(memcmp(conduit_ring_lease_data(lease), "leased", 6) == 0);
+    conduit_ring_lease_release(lease);
+    conduit_ring_message_free(message);
+    conduit_ring_subscriber_close(subscriber);
+
+    options.guard = CONDUIT_RING_GUARD_NEVER;
+    CHECK(unlink(path) == 0 && conduit_ring_subscriber_open(topic, &options, &subscriber) == 0);
+    conduit_ring_subscriber_close(subscriber);
+}
+
+/* Where two files of the same content differ, as the dumps say. */
+static const size_t VARIES[][2] = {{32, 48}, {80, 84}, {88, 104}, {1228, 1236}, {1292, 1300}};
+
+static void expect_segment(const char *path, const char *name) {
+    unsigned char shown[2048], found[2048];
+    const size_t size = wire_format_read(name, shown, sizeof shown);
+    FILE *file = fopen(path, "r");
+    CHECK(file != NULL && fread(found, 1, sizeof found, file) == size);
+    fclose(file);
+    for (size_t i = 0; i < sizeof VARIES / sizeof *VARIES; ++i) {
+        memset(shown + VARIES[i][0], 0, VARIES[i][1] - VARIES[i][0]);
+        memset(found + VARIES[i][0], 0, VARIES[i][1] - VARIES[i][0]);
+    }
+    CHECK(memcmp(shown, found, size) == 0);
+}
+
+static void a_segment_is_made_and_read_as_the_wire_format_says(void) {
+    char path[300];
+    snprintf(path, sizeof path, "/dev/shm/conduit_%s", topic);
+    conduit_ring_publisher *publisher = publisher_of(2, 64);
+    expect_segment(path, "empty_segment");
+    publish(publisher, "message0");
+    publish(publisher, "message1");
+    publish(publisher, "message2");
+    expect_segment(path, "segment");
+    conduit_ring_publisher_close(publisher);
+
+    unsigned char shown[2048];
+    const size_t size = wire_format_read("segment", shown, sizeof shown);
+    FILE *file = fopen(path, "w");
+    CHECK(file != NULL && fwrite(shown, 1, size, file) == size && fclose(file) == 0);
+    conduit_ring_info info;
+    CHECK(conduit_ring_topic_info(topic, &info) == 0);
+    CHECK(info.geometry.slot_count == 2 && info.geometry.slot_size_bytes == 64 && info.published == 3);
+    CHECK(info.state == CONDUIT_RING_STATE_DEAD && info.writer_pid == 12345);
+    CHECK(info.instance_id == UINT64_C(0x0123456789abcdef) && info.last_publish_ns == UINT64_C(1234567890123456789));
+    CHECK(info.content_tag == conduit_ring_content_tag("text/plain"));
+
+    conduit_ring_subscriber *subscriber = subscriber_of(CONDUIT_RING_START_HISTORY, 16, CONDUIT_RING_POLICY_ALL);
+    conduit_ring_message *message = message_of_nothing();
+    expect_event(subscriber, message, CONDUIT_RING_EVENT_MESSAGE);
+    expect_text(message, "message1");
+    expect_event(subscriber, message, CONDUIT_RING_EVENT_MESSAGE);
+    expect_text(message, "message2");
+    CHECK(conduit_ring_message_meta(message).sequence == 2);
+    CHECK(conduit_ring_message_meta(message).timestamp_ns == UINT64_C(1234567890123456789));
+    conduit_ring_message_free(message);
+    conduit_ring_subscriber_close(subscriber);
+}
+
 #define CASE(name) {#name, name}
 static const struct {
     const char *name;
@@ -445,6 +663,12 @@ static const struct {
     CASE(a_topic_can_be_looked_at_from_outside),
     CASE(geometries_are_rounded_up),
     CASE(the_clock_is_the_one_that_stamps_messages),
+    CASE(a_lease_keeps_a_message_in_its_slot_until_it_is_released),
+    CASE(a_fourth_lease_is_refused_and_its_message_kept),
+    CASE(a_lease_tells_events_and_begins_with_the_message_that_was_kept),
+    CASE(a_loan_is_published_when_it_is_committed),
+    CASE(a_guarded_subscriber_survives_a_file_that_is_cut_off),
+    CASE(a_segment_is_made_and_read_as_the_wire_format_says),
 };
 
 int main(int argc, char **argv) {

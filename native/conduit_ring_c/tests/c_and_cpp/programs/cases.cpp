@@ -28,6 +28,8 @@
 #include <conduit_core/node.hpp>
 #include <conduit_core/pubsub.hpp>
 
+#include "wire_format.h"
+
 using namespace std::chrono_literals;
 using conduit::Message;
 using conduit::Node;
@@ -473,6 +475,135 @@ void running_a_running_node_throws() {
   CHECK(sentence.find("running already") != std::string::npos);
 }
 
+static_assert(!std::is_copy_constructible_v<conduit::Lease> && std::is_nothrow_move_constructible_v<conduit::Lease>);
+static_assert(!std::is_copy_constructible_v<conduit::Loan> && std::is_nothrow_move_constructible_v<conduit::Loan>);
+
+std::string text_of(const conduit::Lease& lease) {
+  return std::string(static_cast<const char*>(lease.data()), lease.size());
+}
+
+void a_lease_holds_its_message_until_it_is_destroyed() {
+  Publisher publisher(topic, {4, 64});
+  Subscriber subscriber(topic);
+  CHECK(!subscriber.try_lease());
+  CHECK(!subscriber.wait_lease_for(1ms));
+  CHECK(publish(publisher, "first"));
+  CHECK(text_of(subscriber.wait_lease()) == "first");
+  CHECK(publish(publisher, "held"));
+  {
+    const auto lease = subscriber.try_lease();
+    CHECK(lease && text_of(*lease) == "held" && lease->holds_slot());
+    CHECK(lease->sequence() == 1 && lease->lost() == 0 && lease->timestamp_ns() > 0);
+    for (int i = 0; i < 3; ++i) CHECK(publish(publisher, "other"));
+    CHECK(!publish(publisher, "dropped"));
+    CHECK(!publisher.loan(1));
+    CHECK(text_of(*lease) == "held");
+  }
+  CHECK(publish(publisher, "after"));
+}
+
+void a_fourth_lease_throws() {
+  Publisher publisher(topic);
+  Subscriber subscriber(topic);
+  std::vector<conduit::Lease> leases;
+  for (int i = 0; i < 4; ++i) CHECK(publish(publisher, std::to_string(i)));
+  for (int i = 0; i < 3; ++i) leases.push_back(subscriber.wait_lease());
+  THROWS(std::system_error, "3 leases", subscriber.try_lease());
+  leases.erase(leases.begin());
+  CHECK(text_of(subscriber.wait_lease()) == "3");
+}
+
+void leases_can_be_moved_and_outlive_their_subscriber() {
+  Publisher publisher(topic);
+  std::optional<conduit::Lease> kept;
+  {
+    Subscriber subscriber(topic);
+    CHECK(publish(publisher, "kept"));
+    kept = subscriber.wait_lease();
+  }
+  const conduit::Lease moved = std::move(*kept);
+  kept.reset();
+  std::string text;
+  std::thread([&] { text = text_of(moved); }).join();
+  CHECK(text == "kept");
+}
+
+void a_loan_is_published_by_commit_and_not_otherwise() {
+  Publisher publisher(topic, {4, 64});
+  Subscriber subscriber(topic);
+  CHECK(!publisher.loan(45));
+  {
+    auto loan = publisher.loan(8);
+    CHECK(loan && loan->size() == 8);
+    std::memcpy(loan->data(), "in place", 8);
+    CHECK(!subscriber.try_read());
+    THROWS(std::system_error, "loan", publish(publisher, "x"));
+    conduit::Loan moved = std::move(*loan);
+    THROWS(std::system_error, "moved from", loan->commit());
+    THROWS(std::system_error, "9 bytes", moved.commit(9));
+    CHECK(moved.commit() == 0);
+    THROWS(std::system_error, "was committed", moved.commit());
+  }
+  CHECK(text_of(subscriber.wait()) == "in place");
+  {
+    auto loan = publisher.loan(5);
+    std::memcpy(loan->data(), "never", 5);
+  }
+  {
+    auto loan = publisher.loan(44);
+    std::memcpy(loan->data(), "short", 5);
+    CHECK(loan->commit(5) == 1);
+  }
+  CHECK(text_of(subscriber.wait()) == "short");
+  CHECK(!subscriber.try_read());
+}
+
+void a_guarded_subscriber_throws_when_the_file_is_cut_off() {
+  Publisher publisher(topic);
+  Subscriber trusting(topic, conduit::Guard::never);
+  Subscriber guarded(topic, conduit::Guard::always);
+  CHECK(publish(publisher, "one"));
+  CHECK(text_of(trusting.wait()) == "one");
+  CHECK(text_of(guarded.wait()) == "one");
+  CHECK(publish(publisher, "two"));
+  CHECK(text_of(trusting.wait()) == "two");
+  // Bytes of the header stay, those of slots go.
+  const std::string path = "/dev/shm/conduit_" + topic;
+  CHECK(::truncate(path.c_str(), 1216) == 0);
+  THROWS(std::system_error, "conduit_", guarded.try_read());
+}
+
+#pragma pack(push, 1)
+struct FrameHeader {
+  std::uint16_t magic;
+  std::uint8_t version, flags;
+  std::uint32_t width, height;
+  char fourcc[4];
+  std::uint32_t stride, data_size;
+  std::uint64_t timestamp_ns;
+  std::uint8_t clock_id, plane_count, rotation, colourspace;
+  std::uint32_t frame_id, exposure_us;
+};
+#pragma pack(pop)
+
+void a_camera_frame_is_laid_out_as_the_wire_format_says() {
+  unsigned char shown[64];
+  const std::size_t size = wire_format_read("frame_header", shown, sizeof shown);
+  CHECK(size == sizeof(FrameHeader));
+  Publisher publisher(topic);
+  Subscriber subscriber(topic);
+  CHECK(publisher.publish(shown, size));
+  const Message message = subscriber.wait();
+  FrameHeader header;
+  CHECK(message.size() == sizeof header);
+  std::memcpy(&header, message.data(), sizeof header);
+  CHECK(header.magic == 0x4D43 && header.version == 1 && header.flags == 0);
+  CHECK(header.width == 640 && header.height == 480 && std::memcmp(header.fourcc, "GREY", 4) == 0);
+  CHECK(header.stride == 704 && header.data_size == 704 * 480 && header.timestamp_ns == 123456789012345u);
+  CHECK(header.clock_id == 4 && header.plane_count == 1 && header.rotation == 2 && header.colourspace == 3);
+  CHECK(header.frame_id == 0xFFFFFFFFu && header.exposure_us == 8333);
+}
+
 #define CASE(name) {#name, name}
 const std::map<std::string, void (*)()> cases = {
     CASE(messages_arrive_in_order),
@@ -498,6 +629,12 @@ const std::map<std::string, void (*)()> cases = {
     CASE(one_signal_stops_several_nodes),
     CASE(callbacks_may_add_subscriptions),
     CASE(a_wrong_rate_throws),
+    CASE(a_lease_holds_its_message_until_it_is_destroyed),
+    CASE(a_fourth_lease_throws),
+    CASE(leases_can_be_moved_and_outlive_their_subscriber),
+    CASE(a_loan_is_published_by_commit_and_not_otherwise),
+    CASE(a_guarded_subscriber_throws_when_the_file_is_cut_off),
+    CASE(a_camera_frame_is_laid_out_as_the_wire_format_says),
     CASE(running_a_running_node_throws),
 };
 

@@ -1,0 +1,17 @@
+#!/usr/bin/env bash
+# usage: native/languages/build.sh
+#
+# Builds the peers of this folder: the programs rust and cpp below _build/languages, and the virtual environment with which
+# peer.py runs (native/conduit_ring_py/build.sh).
+
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+
+readonly TO=_build/languages
+mkdir -p "$TO"
+
+(cd native && cargo build --locked --quiet --package languages --package conduit_ring_c --target-dir ../_build/cargo)
+cp --remove-destination "_build/cargo/debug/languages" "$TO/rust"
+"${CXX:-c++}" -std=c++17 -O1 -Wall -Wextra -Werror -pthread -I native/conduit_ring_c/include native/languages/peer.cpp \
+  "_build/cargo/debug/libconduit_ring_c.a" -ldl -lm -o "$TO/cpp"
+native/conduit_ring_py/build.sh
