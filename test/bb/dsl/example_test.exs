@@ -99,7 +99,7 @@ defmodule BB.Dsl.ExampleTest do
              robot.parameters
 
     assert {rate.default, rate.min, rate.max} ==
-             {~u(100 hertz), ~u(1 hertz), ~u(1000 hertz)}
+             {~u(100 hertz), ~u(1 hertz), ~u(1 kilohertz)}
   end
 
   test "its links and joints are a tree" do
