@@ -75,8 +75,6 @@ defmodule DocumentationTest do
 
     start_supervised!({BB.Bus.Sim, buses: %{"i2c-1" => [devices: %{0x68 => mpu6050()}]}})
 
-    # Who has subscribed is linked to the bus.
-    Process.flag(:trap_exit, true)
     assert {%BB.Math.Vec3{}, _binding} = Code.eval_quoted(ast)
     Supervisor.stop(Module.concat([__MODULE__, Readme, MyRobot]))
   end
@@ -102,14 +100,12 @@ defmodule DocumentationTest do
   end
 
   test "the examples of the guide to drivers run one after the other" do
-    Process.flag(:trap_exit, true)
     binding = run("docs/guides/drivers.md")
     Supervisor.stop(binding[:root])
     Supervisor.stop(binding[:buses])
   end
 
   test "the examples of the guide from Beam Bots run one after the other" do
-    Process.flag(:trap_exit, true)
     binding = run("docs/guides/from-beam-bots.md")
     Supervisor.stop(binding[:root])
   end

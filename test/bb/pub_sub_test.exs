@@ -315,6 +315,38 @@ defmodule BB.PubSubTest do
     :sys.resume(bus)
   end
 
+  test "there is no per-message telemetry event on the publish path", %{robot: robot} do
+    {:ok, _} = PubSub.subscribe(robot, [:sensor], max_rate: 1_000)
+    {:ok, _} = PubSub.subscribe(robot, [:param], replay: true)
+    test = self()
+    :erlang.trace_pattern({BB.Telemetry, :emit, 3}, true, [:local])
+
+    publisher =
+      spawn_link(fn ->
+        receive do: (:go -> :ok)
+
+        for path <- [[:sensor, :a], [:param, :b], [:nobody]],
+            do: PubSub.publish(robot, path, status())
+
+        send(test, :published)
+        receive do: (:emit -> BB.Telemetry.emit([:bb, :test, :seen], %{}, %{}))
+      end)
+
+    :erlang.trace(publisher, true, [:call])
+    send(publisher, :go)
+    assert_receive :published, 5_000
+    ref = :erlang.trace_delivered(publisher)
+    assert_receive {:trace_delivered, ^publisher, ^ref}, 5_000
+    refute_received {:trace, _, :call, _}
+    assert_received {:bb, [:sensor, :a], _}
+
+    # Such an event would have been seen.
+    send(publisher, :emit)
+
+    assert_receive {:trace, ^publisher, :call, {BB.Telemetry, :emit, [[:bb, :test, :seen] | _]}},
+                   5_000
+  end
+
   test "two robots do not hear each other", %{robot: robot} do
     other = Module.concat(robot, Other)
     start_supervised!({PubSub, other})

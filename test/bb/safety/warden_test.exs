@@ -103,8 +103,6 @@ defmodule BB.Safety.WardenTest do
   test "an armed robot that is stopped is disarmed when the stop returns, after its components have ended" do
     {robot, root} = start()
     test = self()
-    # Who has subscribed is linked to the bus.
-    Process.flag(:trap_exit, true)
     {:ok, _} = BB.subscribe(robot, [:state_machine])
 
     tell = fn opts ->
