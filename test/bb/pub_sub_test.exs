@@ -319,7 +319,8 @@ defmodule BB.PubSubTest do
     {:ok, _} = PubSub.subscribe(robot, [:sensor], max_rate: 1_000)
     {:ok, _} = PubSub.subscribe(robot, [:param], replay: true)
     test = self()
-    :erlang.trace_pattern({BB.Telemetry, :emit, 3}, true, [:local])
+    {:module, _} = Code.ensure_loaded(BB.Telemetry)
+    1 = :erlang.trace_pattern({BB.Telemetry, :emit, 3}, true, [:local])
 
     publisher =
       spawn_link(fn ->
