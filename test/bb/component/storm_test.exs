@@ -99,12 +99,11 @@ defmodule BB.Component.StormTest do
     supervisors = supervisors(robot)
     siblings = for name <- @siblings, do: pid(robot, name)
 
-    slowest_ms =
+    recoveries =
       faults()
       |> Stream.cycle()
       |> Enum.take(count())
       |> Enum.map(fn fault -> strike(robot, fault, standstill) end)
-      |> Enum.max()
 
     assert {heard, []} = Gaps.report(gaps)
     assert map_size(heard) == 19
@@ -117,14 +116,16 @@ defmodule BB.Component.StormTest do
     assert length(retries) >= count() and Enum.max(retries) <= 750
 
     if System.get_env("FAULTS") do
-      IO.puts("\n#{count()} faults; the slowest recovery took #{slowest_ms} ms")
-      assert slowest_ms <= 1_000
+      slowest = recoveries |> Enum.sort_by(& &1.ms, :desc) |> Enum.take(5)
+      IO.puts("\n#{count()} faults; the slowest recoveries, in milliseconds:")
+      Enum.each(slowest, &IO.inspect/1)
+      assert hd(slowest).ms <= 1_000
     end
   end
 
   defp count, do: String.to_integer(System.get_env("FAULTS") || "#{length(faults())}")
 
-  # Returns after how many milliseconds from the fault's end on the sensor was up.
+  # Returns after how many milliseconds from the fault's end on the sensor was up, less the standstill, and the longest retry meanwhile.
   defp strike(robot, {name, script, set_off}, standstill),
     do: strike(robot, {name, script, set_off, fn _struck -> :ok end}, standstill)
 
@@ -138,8 +139,26 @@ defmodule BB.Component.StormTest do
     relieve.(struck)
     _before = Standstill.take(standstill)
     ended_ms = System.monotonic_time(:millisecond)
-    assert eventually(fn -> up?(robot, [before, failed(name, struck)]) end, 30_000)
-    System.monotonic_time(:millisecond) - ended_ms - Standstill.take(standstill)
+    retry_in_ms = await_up(robot, [before, failed(name, struck)], ended_ms, 0)
+    standstill_ms = Standstill.take(standstill)
+    ms = System.monotonic_time(:millisecond) - ended_ms - standstill_ms
+    %{fault: name, ms: ms, standstill_ms: standstill_ms, retry_in_ms: retry_in_ms}
+  end
+
+  defp await_up(robot, gone, ended_ms, longest_ms) do
+    row = health(robot, :imu)
+
+    cond do
+      row.state == :up and row.pid not in gone and pid(robot, :imu) == row.pid ->
+        longest_ms
+
+      System.monotonic_time(:millisecond) - ended_ms > 30_000 ->
+        flunk("it is not up again: #{inspect(row)}")
+
+      true ->
+        Process.sleep(5)
+        await_up(robot, gone, ended_ms, max(longest_ms, row.retry_in_ms || 0))
+    end
   end
 
   # The last callback tells the test in which process it strikes.
@@ -174,11 +193,6 @@ defmodule BB.Component.StormTest do
 
   defp failed("init hangs", _struck), do: nil
   defp failed(_name, struck), do: struck
-
-  defp up?(robot, gone) do
-    row = health(robot, :imu)
-    row.state == :up and row.pid not in gone and pid(robot, :imu) == row.pid
-  end
 
   defp retries(robot, found) do
     receive do
