@@ -13,7 +13,8 @@ defmodule BB.Component.Backoff do
       did. That is a device which does not answer, and asking it again costs one transfer: the cap is 750 ms.
     * `:crash` - it raised, exited or was killed. The cap is four times the time that its `init` took, so that the tries of what
       is slow to start and crashes all the same take at most about a fifth of the time (with the longest delay; a
-      third with the shortest); but at least 750 ms, and at most 5 s.
+      third with the shortest); but at least 750 ms, and at most 5 s. Of its last two failures the quicker `init` counts: a
+      machine that stands still for a moment makes nothing slow to start.
 
   A run is stable when it lasted at least a second, and at least four times the delay before it. A stable run forgets all
   failures.
@@ -34,7 +35,10 @@ defmodule BB.Component.Backoff do
   @stable_ms 1_000
   @stable_delays 4
 
-  defstruct failures: %{absent: 0, crash: 0}, delay_ms: 0, random: &:rand.uniform/0
+  defstruct failures: %{absent: 0, crash: 0},
+            delay_ms: 0,
+            init_ms: :infinity,
+            random: &:rand.uniform/0
 
   @type cause :: :absent | :crash
 
@@ -42,6 +46,7 @@ defmodule BB.Component.Backoff do
   @type t :: %__MODULE__{
           failures: %{cause() => non_neg_integer()},
           delay_ms: non_neg_integer(),
+          init_ms: non_neg_integer() | :infinity,
           random: (() -> float())
         }
 
@@ -55,13 +60,19 @@ defmodule BB.Component.Backoff do
     factor = 0.5 + backoff.random.() / 2
     delay_ms = trunc(longest_ms(backoff, cause, init_ms) * factor)
     failures = Map.update!(backoff.failures, cause, &(&1 + 1))
-    {delay_ms, %{backoff | failures: failures, delay_ms: delay_ms}}
+    {delay_ms, took(%{backoff | failures: failures, delay_ms: delay_ms}, cause, init_ms)}
   end
+
+  defp took(backoff, :crash, init_ms), do: %{backoff | init_ms: init_ms}
+  defp took(backoff, :absent, _init_ms), do: backoff
 
   @doc "The longest delay that the next failure of `cause` can bring, in milliseconds."
   @spec longest_ms(t(), cause(), non_neg_integer()) :: pos_integer()
-  def longest_ms(%__MODULE__{failures: failures}, cause, init_ms \\ 0),
-    do: grow(@base_ms, Map.fetch!(failures, cause), cap_ms(cause, init_ms))
+  def longest_ms(%__MODULE__{failures: failures} = backoff, cause, init_ms \\ 0) do
+    # Any number is less than :infinity, the time before the first failure.
+    cap_ms = cap_ms(cause, min(init_ms, backoff.init_ms))
+    grow(@base_ms, Map.fetch!(failures, cause), cap_ms)
+  end
 
   defp cap_ms(:absent, _init_ms), do: @cheap_cap_ms
   defp cap_ms(:crash, init_ms), do: (@cap_inits * init_ms) |> max(@cheap_cap_ms) |> min(@cap_ms)

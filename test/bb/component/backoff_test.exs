@@ -29,6 +29,14 @@ defmodule BB.Component.BackoffTest do
     assert delays(with_random(1.0), :crash, 1_000) |> Enum.max() == 750
   end
 
+  test "one slow start among quick ones, on a machine that stood still, makes no wait longer" do
+    quick = Enum.reduce(1..6, with_random(1.0), &elem(Backoff.next(&2, :crash, &1), 1))
+    assert {750, backoff} = Backoff.next(quick, :crash, 2_000)
+    assert {750, backoff} = Backoff.next(backoff, :crash, 1)
+    assert {750, backoff} = Backoff.next(backoff, :crash, 2_000)
+    assert {5_000, _} = Backoff.next(backoff, :crash, 2_000)
+  end
+
   test "an absent device is retried within 750 ms for ever" do
     assert delays(with_random(1.0), :absent, 6) == [100, 200, 400, 750, 750, 750]
   end
@@ -71,7 +79,8 @@ defmodule BB.Component.BackoffTest do
 
         failure, {true, backoff} ->
           {cause, init_ms} = with :absent <- failure, do: {:absent, 0}
-          cap = if cause == :absent, do: 750, else: min(max(4 * init_ms, 750), 5_000)
+          quicker_ms = min(init_ms, backoff.init_ms)
+          cap = if cause == :absent, do: 750, else: min(max(4 * quicker_ms, 750), 5_000)
           longest = min(cap, 100 * 2 ** min(backoff.failures[cause], 10))
           {delay, next} = Backoff.next(backoff, cause, init_ms)
           good? = delay >= div(longest, 2) and delay <= longest
