@@ -5,14 +5,13 @@ mod support;
 
 use std::fs;
 use std::sync::atomic::Ordering::Relaxed;
-use std::thread;
-use std::time::Instant;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use conduit_ring::repair::{Repair, clear_legacy_readers, reclaim_readers, remove_abandoned};
 use conduit_ring::{
-    Error, Info, Listing, Publisher, PublisherOptions, Subscriber, SubscriberOptions, Topic,
+    Error, Info, Listing, Publisher, PublisherOptions, Subscriber, SubscriberOptions,
 };
-use support::{Helper, LONG, Raw, Scratch, role, tell_ready};
+use support::{Helper, Raw, Scratch, role, tell_ready};
 
 const SUBSCRIBER_MASK: usize = 128;
 
@@ -32,7 +31,7 @@ fn child() {
 
 #[test]
 fn the_file_of_a_killed_publisher_is_removed() {
-    let topic = Scratch::new();
+    let (_turn, topic) = (turn(), Scratch::new());
     Helper::start("publish", &topic).kill();
     assert!(Listing::read().unwrap().topics.contains(&topic));
     assert_eq!(remove_abandoned(&topic).unwrap(), Repair::Made);
@@ -43,7 +42,7 @@ fn the_file_of_a_killed_publisher_is_removed() {
 
 #[test]
 fn the_file_of_a_live_publisher_is_left_alone() {
-    let topic = Scratch::new();
+    let (_turn, topic) = (turn(), Scratch::new());
     let _publisher = Helper::start("publish", &topic);
     assert_eq!(remove_abandoned(&topic).unwrap(), Repair::PublisherAlive);
     assert_eq!(
@@ -54,7 +53,7 @@ fn the_file_of_a_live_publisher_is_left_alone() {
 
 #[test]
 fn a_file_that_someone_has_open_is_left_alone() {
-    let topic = Scratch::new();
+    let (_turn, topic) = (turn(), Scratch::new());
     let publisher = Helper::start("publish", &topic);
     let subscriber = Helper::start("subscribe", &topic);
     publisher.kill();
@@ -66,7 +65,7 @@ fn a_file_that_someone_has_open_is_left_alone() {
 
 #[test]
 fn slots_of_killed_readers_are_taken_back_from_a_live_topic() {
-    let topic = Scratch::new();
+    let (_turn, topic) = (turn(), Scratch::new());
     let publisher = Publisher::open(&topic, &PublisherOptions::default()).unwrap();
     let _living = Subscriber::open(&topic, &SubscriberOptions::default()).unwrap();
     let readers: Vec<_> = (0..3).map(|_| Helper::start("subscribe", &topic)).collect();
@@ -79,35 +78,30 @@ fn slots_of_killed_readers_are_taken_back_from_a_live_topic() {
 
 #[test]
 fn bits_of_legacy_readers_are_cleared_once_nobody_has_the_file() {
-    let topic = Scratch::new();
+    let (_turn, topic) = (turn(), Scratch::new());
     let publisher = Helper::start("publish", &topic);
     let raw = Raw::open(&topic).unwrap();
     raw.u32(SUBSCRIBER_MASK).fetch_or(0b101, Relaxed);
     publisher.kill();
     assert_eq!(clear_legacy_readers(&topic).unwrap(), Repair::InUse);
     drop(raw);
-    assert_eq!(unless_in_use(clear_legacy_readers, &topic), Repair::Made);
+    assert_eq!(clear_legacy_readers(&topic).unwrap(), Repair::Made);
     assert_eq!(Info::read(&topic).unwrap().readers, []);
     assert_eq!(clear_legacy_readers(&topic).unwrap(), Repair::NotNeeded);
 }
 
 #[test]
 fn a_file_that_never_was_a_ring_is_left_alone() {
-    let topic = Scratch::new();
+    let (_turn, topic) = (turn(), Scratch::new());
     fs::write(topic.path(), "buy milk").unwrap();
-    assert_eq!(unless_in_use(remove_abandoned, &topic), Repair::NotARing);
+    assert_eq!(remove_abandoned(&topic).unwrap(), Repair::NotARing);
     fs::write(topic.path(), "").unwrap();
-    assert_eq!(unless_in_use(remove_abandoned, &topic), Repair::Made);
+    assert_eq!(remove_abandoned(&topic).unwrap(), Repair::Made);
 }
 
-/// A child that another test is starting has the files of this process and their locks, those it has just closed too, until
-/// it runs its own program.
-fn unless_in_use(repair: fn(&Topic) -> Result<Repair, Error>, topic: &Topic) -> Repair {
-    let end = Instant::now() + LONG;
-    loop {
-        match repair(topic).unwrap() {
-            Repair::InUse | Repair::PublisherAlive if Instant::now() < end => thread::yield_now(),
-            outcome => return outcome,
-        }
-    }
+/// One test at a time: a child that another test is starting has the files of this process and their locks, those it has
+/// just closed too, until it runs its own program.
+fn turn() -> MutexGuard<'static, ()> {
+    static TURN: Mutex<()> = Mutex::new(());
+    TURN.lock().unwrap_or_else(PoisonError::into_inner)
 }
