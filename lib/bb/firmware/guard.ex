@@ -106,6 +106,9 @@ defmodule BB.Firmware.Guard do
 
   @impl GenServer
   def init(opts) do
+    # So that terminate/2 runs, and the topic ends with the guard.
+    Process.flag(:trap_exit, true)
+
     checks =
       Checks.new(opts[:robot],
         topic: opts[:topic],
@@ -159,6 +162,9 @@ defmodule BB.Firmware.Guard do
        left_ms: if(watching?, do: decision.deadline_ms - now_ms())
      }, state}
   end
+
+  @impl GenServer
+  def terminate(_reason, state), do: Checks.close(state.checks)
 
   # It goes on looking only as long as something depends on it.
   defp look(state) do

@@ -49,6 +49,9 @@ defmodule BB.Firmware.GuardTest do
   defp guard(context, robot, opts \\ []) do
     {:ok, memory} = Memory.start_link(status: opts[:status] || :unvalidated, tell: self())
 
+    topic = "guard_test_#{System.unique_integer([:positive])}_#{System.pid()}"
+    on_exit(fn -> File.rm("/dev/shm/conduit_" <> topic) end)
+
     defaults = [
       robot: robot,
       name: nil,
@@ -59,7 +62,7 @@ defmodule BB.Firmware.GuardTest do
       deadline_ms: 60_000,
       poll_ms: 10,
       folder: context.tmp_dir,
-      topic: "guard_test_#{System.unique_integer([:positive])}_#{System.pid()}",
+      topic: topic,
       started_ms: System.monotonic_time(:millisecond)
     ]
 
