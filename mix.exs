@@ -169,7 +169,7 @@ defmodule Ganglion.MixProject do
     ]
   end
 
-  defp test_applications(:test), do: [:proper]
+  defp test_applications(:test), do: [:proper, :ssh]
   defp test_applications(_env), do: []
 
   if Version.match?(System.version(), ">= 1.15.0") do

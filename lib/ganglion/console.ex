@@ -147,7 +147,7 @@ defmodule Ganglion.Console do
   def estop(robot \\ robot()) do
     safely(fn ->
       :ok = Safety.inhibit(robot, @estop, :estop)
-      say(Safety.disarm(robot), robot)
+      _ = say(Safety.disarm(robot), robot)
       IO.puts("arming is forbidden until release")
     end)
   end
