@@ -20,10 +20,24 @@ defmodule BB.Firmware.Board.Nerves do
   @shown ~w(nerves_fw_product nerves_fw_version nerves_fw_uuid nerves_fw_platform)
 
   @impl BB.Firmware.Board
-  def validation_status(_handle), do: Runtime.firmware_validation_status()
+  def validation_status(_handle) do
+    # Without the process that knows, Nerves says :unknown, as on a board that has no validation.
+    if Process.whereis(KV),
+      do: Runtime.firmware_validation_status(),
+      else: {:error, :nerves_runtime_is_down}
+  end
 
+  # Where `fwup` fails, Nerves sets a variable that newer boards do not look at, and says :ok.
   @impl BB.Firmware.Board
-  def validate(_handle), do: Runtime.validate_firmware()
+  def validate(handle) do
+    with :ok <- Runtime.validate_firmware(),
+         :unvalidated <- validation_status(handle) do
+      {:error, :still_unvalidated}
+    else
+      {:error, reason} -> {:error, reason}
+      _validated -> :ok
+    end
+  end
 
   # Firmware that is not validated goes at the next restart anyway, where the board has that; so restart in any case.
   @impl BB.Firmware.Board
