@@ -169,7 +169,7 @@ defmodule Ganglion.MixProject do
     ]
   end
 
-  defp test_applications(:test), do: [:proper]
+  defp test_applications(:test), do: [:proper, :ssh]
   defp test_applications(_env), do: []
 
   if Version.match?(System.version(), ">= 1.15.0") do
@@ -179,10 +179,13 @@ defmodule Ganglion.MixProject do
   defp elixirc_paths(:test), do: ["lib", "test/support"]
   defp elixirc_paths(_env), do: ["lib"]
 
-  defp for_target(:host), do: []
+  defp for_target(:host), do: [releases: [{@app, host_release()}]]
 
   defp for_target(_target),
     do: [archives: [nerves_bootstrap: "~> 1.16"], releases: [{@app, release()}]]
+
+  # The templates in rel/ are for boards, whose VM is watched by a heart. The host's release has Mix's own.
+  defp host_release, do: [overwrite: true, rel_templates_path: "rel/host"]
 
   defp release do
     [
@@ -209,6 +212,7 @@ defmodule Ganglion.MixProject do
       {:vintage_net, "~> 0.13.13"},
       {:circuits_i2c, "~> 2.1"},
       {:circuits_gpio, "~> 2.3"},
+      {:muontrap, "~> 1.8"},
       {:nerves_system_rpi3, "~> 2.0", runtime: false, targets: :rpi3},
       {:nerves_system_rpi4, "~> 2.1", runtime: false, targets: :rpi4},
       {:nerves_system_rpi5, "~> 2.1", runtime: false, targets: :rpi5},

@@ -9,3 +9,10 @@ config :logger, handle_sasl_reports: false
 # Standard output belongs to what a command prints; logs go to standard error. (The first key is for Elixir 1.14, the second for newer ones.)
 config :logger, :console, device: :standard_error
 config :logger, :default_handler, config: [type: :standard_error]
+
+# A release on the host runs the robot from its start, as a board does, on simulated buses.
+if config_env() == :prod do
+  config :ganglion,
+    robot: Ganglion.Robot,
+    simulated_buses: %{"i2c-1" => [devices: %{0x68 => {BB.Bus.Sim.Mpu6050, source: :motion}}]}
+end

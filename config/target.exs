@@ -3,33 +3,80 @@ import Config
 Application.start(:nerves_bootstrap)
 
 # The ring's topics live in a file system of their own: beyond its size, publishers get an error and nothing else on the board suffers.
-config :nerves, :erlinit, mount: "tmpfs:/dev/shm:tmpfs:nodev,nosuid,noexec:mode=1770,size=64m"
+config :nerves, :erlinit,
+  update_clock: true,
+  mount: "tmpfs:/dev/shm:tmpfs:nodev,nosuid,noexec:mode=1770,size=64m"
 
 config :nerves, :firmware,
   rootfs_overlay: "rootfs_overlay",
   provisioning: "firmware/provisioning.conf"
 
-config :nerves_runtime, :kernel, use_system_registry: false
-
 config :shoehorn, init: [:nerves_runtime, :nerves_pack]
 
 config :logger, backends: [RingLogger]
 
-# Nobody gets in before keys are given: put public keys here, one string a key.
-config :nerves_ssh, authorized_keys: []
+# BB.Firmware.Guard validates, when the robot works. This one would as soon as the applications have started.
+config :nerves_runtime, startup_guard_enabled: false
+
+# An update comes in through the gate, and only with a signature that fits the board's key.
+config :ssh_subsystem_fwup,
+  precheck_callback: {BB.Firmware.Gate, :precheck, []},
+  success_callback: {BB.Firmware.Gate, :written, []}
+
+# Keys only. Nobody gets in before there is a public key in firmware/keys/ssh/.
+# Who has a key has the console, and with it the board: commands (exec) add nothing to that, and scripts need them. SFTP would be one more way
+# to write into the file system, which nothing here needs.
+ssh_keys = "../firmware/keys/ssh/*.pub" |> Path.expand(__DIR__) |> Path.wildcard()
+
+config :nerves_ssh,
+  authorized_keys: Enum.map(ssh_keys, &String.trim(File.read!(&1))),
+  subsystems: [],
+  exec: :elixir,
+  iex_opts: [dot_iex: "/etc/iex.exs"],
+  system_dir: "/data/nerves_ssh",
+  user_dir: "/data/nerves_ssh/default_user",
+  daemon_option_overrides: [auth_methods: ~c"publickey"]
+
+# Wi-Fi, if it is given at build time. What is configured on the board itself is kept in /data and goes before this.
+wifi =
+  case System.get_env("GANGLION_WIFI_SSID") do
+    nil ->
+      %{type: VintageNetWiFi}
+
+    ssid ->
+      psk = System.fetch_env!("GANGLION_WIFI_PASSPHRASE")
+      network = %{key_mgmt: :wpa_psk, ssid: ssid, psk: psk}
+
+      %{
+        type: VintageNetWiFi,
+        vintage_net_wifi: %{networks: [network]},
+        ipv4: %{method: :dhcp}
+      }
+  end
 
 config :vintage_net,
-  regulatory_domain: "00",
+  regulatory_domain: System.get_env("GANGLION_WIFI_COUNTRY", "00"),
   config: [
     {"usb0", %{type: VintageNetDirect}},
     {"eth0", %{type: VintageNetEthernet, ipv4: %{method: :dhcp}}},
-    {"wlan0", %{type: VintageNetWiFi}}
+    {"wlan0", wifi}
   ]
 
 config :mdns_lite,
-  hosts: [:hostname, "ganglion"],
+  hosts: [:hostname, System.get_env("GANGLION_NAME", "ganglion")],
   ttl: 120,
   services: [%{protocol: "ssh", transport: "tcp", port: 22}]
 
+config :nerves_motd, extra_rows: {Ganglion.Console, :motd_rows, []}
+
 # On a board the robot runs from boot, on the real buses.
-config :ganglion, i2c: Circuits.I2C, robot: Ganglion.Robot
+config :ganglion,
+  i2c: Circuits.I2C,
+  robot: Ganglion.Robot,
+  board: {BB.Firmware.Board.Nerves, []},
+  network: {BB.Firmware.Network.VintageNet, []}
+
+# Options of the parts of the firmware; see their documentation.
+config :ganglion, BB.Firmware.Guard, folder: "/data/guard", reach: :lan
+config :ganglion, BB.Firmware.Gate, public_key: "/etc/ganglion/firmware.pub"
+config :ganglion, BB.Firmware.Network, disarm_after_ms: nil

@@ -58,10 +58,15 @@ defmodule ArchitectureTest do
     ring: {~w(BB.Ring.*), [:options]},
     handoff: {~w(BB.Handoff.*), ~w(facade sensor ring envelope payload math options)a},
 
+    # What validates, replaces and reaches the software of a board.
+    firmware:
+      {~w(BB.Firmware.*),
+       ~w(facade sensor driver handoff ring safety pub_sub envelope payload options)a},
+
     # Composition.
     ganglion:
       {~w(Ganglion.*),
-       ~w(facade sensor driver handoff ring simulation safety path envelope payload math)a}
+       ~w(firmware facade sensor driver handoff ring bus simulation safety parameter pub_sub path envelope payload math)a}
   ]
 
   # What comes from outside, by the start of its name, and which of our modules may name it.

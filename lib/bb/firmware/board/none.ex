@@ -1,0 +1,29 @@
+defmodule BB.Firmware.Board.None do
+  @moduledoc "Where there is no board: nothing to validate, and nothing to revert or restart. The host has this."
+
+  @behaviour BB.Firmware.Board
+
+  @impl BB.Firmware.Board
+  def validation_status(_handle), do: :unknown
+
+  @impl BB.Firmware.Board
+  def validate(_handle), do: {:error, :no_board}
+
+  @impl BB.Firmware.Board
+  def revert(_handle), do: {:error, :no_board}
+
+  @impl BB.Firmware.Board
+  def reboot(_handle), do: {:error, :no_board}
+
+  @impl BB.Firmware.Board
+  def init_complete(_handle), do: :ok
+
+  @impl BB.Firmware.Board
+  def set_heart(_handle, _heart), do: {:error, :no_board}
+
+  @impl BB.Firmware.Board
+  def clear_heart(_handle, _heart), do: :ok
+
+  @impl BB.Firmware.Board
+  def firmware(_handle), do: %{}
+end

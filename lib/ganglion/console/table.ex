@@ -1,0 +1,73 @@
+defmodule Ganglion.Console.Table do
+  @moduledoc """
+  Plain tables for a terminal of 80 columns. Pure.
+
+      iex> Ganglion.Console.Table.render(["sensor", "Hz"], [[:imu, 100.04], [:camera, nil]])
+      "sensor  Hz\\nimu     100.0\\ncamera  -\\n"
+  """
+
+  @width 80
+  @gap "  "
+  @narrowest 4
+
+  @type cell :: String.t() | atom() | number() | nil | [atom()]
+
+  @doc "A table with a line for the header and one for each row. What is too long for the width is cut, in the widest columns."
+  @spec render([String.t()], [[cell()]], pos_integer()) :: String.t()
+  def render(header, rows, width \\ @width) do
+    lines = Enum.map([header | rows], fn row -> Enum.map(row, &text/1) end)
+    widths = lines |> natural() |> shrink(width - (length(header) - 1) * String.length(@gap))
+    Enum.map_join(lines, &line(&1, widths))
+  end
+
+  @doc """
+  A line that is not longer than the width.
+
+      iex> Ganglion.Console.Table.cut("a\\nlong line", 7)
+      "a long…"
+  """
+  @spec cut(String.t(), pos_integer()) :: String.t()
+  def cut(text, width \\ @width) do
+    text = plain(text)
+    if String.length(text) <= width, do: text, else: String.slice(text, 0, width - 1) <> "…"
+  end
+
+  defp text(nil), do: "-"
+  defp text(text) when is_binary(text), do: plain(text)
+  defp text(value) when is_atom(value), do: value |> Atom.to_string() |> plain()
+  defp text(value) when is_integer(value), do: Integer.to_string(value)
+  defp text(value) when is_float(value), do: :erlang.float_to_binary(value, decimals: 1)
+  defp text(value), do: value |> inspect(limit: 50) |> plain()
+
+  # One line, of what a terminal can show.
+  defp plain(text) do
+    if String.valid?(text),
+      do: String.replace(text, ~r/[\p{Cc}\p{Cf}\p{Zl}\p{Zp}]+/u, " "),
+      else: inspect(text, limit: 50)
+  end
+
+  defp natural(lines),
+    do:
+      lines |> Enum.zip_with(fn column -> column |> Enum.map(&String.length/1) |> Enum.max() end)
+
+  defp shrink(widths, room) do
+    widest = Enum.max(widths, fn -> 0 end)
+
+    if Enum.sum(widths) <= room or widest <= @narrowest,
+      do: widths,
+      else: widths |> narrow(widest) |> shrink(room)
+  end
+
+  defp narrow(widths, widest),
+    do: List.update_at(widths, Enum.find_index(widths, &(&1 == widest)), &(&1 - 1))
+
+  defp line(cells, widths) do
+    cells
+    |> Enum.zip_with(widths, fn cell, width ->
+      cell |> cut(max(width, 1)) |> String.pad_trailing(width)
+    end)
+    |> Enum.join(@gap)
+    |> String.trim_trailing()
+    |> Kernel.<>("\n")
+  end
+end

@@ -1,0 +1,258 @@
+defmodule BB.Firmware.GuardTest do
+  use ExUnit.Case, async: true
+
+  import BB.Test.Eventually
+  import BB.Test.Robot
+
+  alias BB.Firmware.Board.Memory
+  alias BB.Firmware.Guard
+  alias BB.Firmware.Guard.{Heart, Report}
+  alias BB.Message.Sensor.Range
+  alias BB.Test.{Network, Probe}
+
+  @moduletag :tmp_dir
+
+  defp declared do
+    robot do
+      topology do
+        link :base_link do
+          sensor :range, BB.Test.Probe, required: true
+          sensor :extra, BB.Test.Probe
+        end
+      end
+    end
+  end
+
+  # A sensor that publishes every few milliseconds, as long as its robot lives.
+  defp beating(robot, name, path) do
+    publish = fn ->
+      BB.publish(robot, [:sensor | path], range(name))
+      Process.send_after(self(), :beat, 5)
+    end
+
+    Probe.script(robot, name,
+      init: fn opts -> publish.() && {:ok, opts[:bb]} end,
+      handle_info: fn :beat, state -> publish.() && {:noreply, state} end
+    )
+  end
+
+  defp range(name) do
+    BB.Message.new!(Range, name,
+      radiation_type: :infrared,
+      field_of_view: 0.1,
+      min_range: 0.02,
+      max_range: 1.5,
+      range: 0.4
+    )
+  end
+
+  defp guard(context, robot, opts \\ []) do
+    {:ok, memory} = Memory.start_link(status: opts[:status] || :unvalidated, tell: self())
+
+    topic = "guard_test_#{System.unique_integer([:positive])}_#{System.pid()}"
+    on_exit(fn -> File.rm("/dev/shm/conduit_" <> topic) end)
+
+    defaults = [
+      robot: robot,
+      name: nil,
+      board: {Memory, memory},
+      network: {Network, start_supervised!({Network, opts[:state] || :lan}, id: make_ref())},
+      stability_ms: 100,
+      fresh_ms: 500,
+      deadline_ms: 60_000,
+      poll_ms: 10,
+      folder: context.tmp_dir,
+      topic: topic,
+      started_ms: System.monotonic_time(:millisecond)
+    ]
+
+    opts = Keyword.drop(opts, [:status, :state])
+    {start_supervised!({Guard, Keyword.merge(defaults, opts)}), memory}
+  end
+
+  defp hopeless(opts), do: [deadline_ms: 300] ++ opts
+
+  test "firmware with which the robot works is validated, with one heart callback that is cleared",
+       context do
+    robot = declared()
+    beating(robot, :range, [:base_link, :range])
+    start_supervised!(robot)
+    {guard, memory} = guard(context, robot)
+
+    heart = Heart.callback()
+    assert_receive {Memory, {:set_heart, ^heart}}
+    assert_receive {Memory, :init_complete}
+    assert_receive {Memory, :validate}, 10_000
+    assert_receive {Memory, {:clear_heart, ^heart}}
+
+    assert {:ok, %{phase: :validated, reasons: [], left_ms: nil}} = Guard.state(guard)
+    assert Memory.heart(memory) == nil
+    assert Report.read(context.tmp_dir, :validated) =~ "validated at"
+    refute_received {Memory, _}
+  end
+
+  test "firmware with a required sensor that is absent is reverted, and the report says why",
+       context do
+    robot = declared()
+    Probe.script(robot, :range, init: fn _ -> {:stop, :no_device} end)
+    start_supervised!(robot)
+    {guard, _} = guard(context, robot, hopeless([]))
+
+    assert_receive {Memory, :revert}, 10_000
+    refute_received {Memory, :validate}
+    assert {:ok, %{phase: :reverting}} = Guard.state(guard)
+
+    assert Report.read(context.tmp_dir, :reverted) =~
+             "required: sensor range: backoff: :no_device"
+  end
+
+  test "firmware with a required sensor that runs and says nothing is reverted", context do
+    robot = quiet()
+    {_, _} = guard(context, robot, hopeless([]))
+    assert_receive {Memory, :revert}, 10_000
+    assert Report.read(context.tmp_dir, :reverted) =~ "required: sensor range: was never good"
+  end
+
+  test "old samples of a required sensor are no samples", context do
+    robot = quiet()
+
+    Probe.script(robot, :range,
+      handle_info: fn :old, state ->
+        old = %{
+          range(:range)
+          | monotonic_time: System.monotonic_time(:nanosecond) - 10_000_000_000
+        }
+
+        BB.publish(robot, [:sensor, :base_link, :range], old)
+        {:noreply, state}
+      end
+    )
+
+    {_, _} = guard(context, robot, hopeless([]))
+    assert_receive {Memory, :init_complete}
+    for _ <- 1..10, do: BB.send(robot, :range, :old)
+    assert_receive {Memory, :revert}, 10_000
+    assert Report.read(context.tmp_dir, :reverted) =~ "required: sensor range: was never good"
+  end
+
+  test "a sensor that is not required may be absent: it is reported, and the firmware is validated",
+       context do
+    robot = declared()
+    beating(robot, :range, [:base_link, :range])
+    Probe.script(robot, :extra, init: fn _ -> {:stop, :no_device} end)
+    start_supervised!(robot)
+    {guard, _} = guard(context, robot)
+
+    assert_receive {Memory, {:clear_heart, _}}, 10_000
+    assert {:ok, %{missing: [{{:sensor, :extra}, _}]}} = Guard.state(guard)
+
+    assert Report.read(context.tmp_dir, :validated) =~
+             "optional: sensor extra: backoff: :no_device"
+  end
+
+  test "firmware without a network is reverted, unless none is asked for", context do
+    robot = declared()
+    beating(robot, :range, [:base_link, :range])
+    start_supervised!(robot)
+
+    guard(context, robot, hopeless(state: :disconnected))
+    assert_receive {Memory, :revert}, 10_000
+    assert Report.read(context.tmp_dir, :reverted) =~ "network: disconnected, and lan is wanted"
+
+    stop_supervised!(Guard)
+    guard(context, robot, state: :disconnected, reach: :none)
+    assert_receive {Memory, :validate}, 10_000
+  end
+
+  test "firmware whose native process is started again and again is reverted", context do
+    robot =
+      robot do
+        sensors do
+          sensor :native, {BB.Sensor.NativeProcess, program: "false"}
+        end
+      end
+
+    start_supervised!(robot)
+    guard(context, robot, stability_ms: 800, deadline_ms: 1_200)
+    assert_receive {Memory, :revert}, 10_000
+    assert Report.read(context.tmp_dir, :reverted) =~ "required: native native: "
+  end
+
+  test "a robot that is not started at all is reverted", context do
+    guard(context, declared(), hopeless([]))
+    assert_receive {Memory, :revert}, 10_000
+    assert Report.read(context.tmp_dir, :reverted) =~ "pubsub: "
+  end
+
+  test "a robot that starts after its guard is validated", context do
+    robot = declared()
+    beating(robot, :range, [:base_link, :range])
+    {guard, _} = guard(context, robot)
+    eventually(fn -> match?({:ok, %{phase: :watching}}, Guard.state(guard)) end)
+    start_supervised!(robot)
+    assert_receive {Memory, :validate}, 10_000
+  end
+
+  test "a ring whose topic another publisher has is a reason", context do
+    robot = declared()
+    beating(robot, :range, [:base_link, :range])
+    start_supervised!(robot)
+    topic = "guard_test_taken_#{System.pid()}"
+    {:ok, publisher} = BB.Ring.Publisher.open(topic)
+    guard(context, robot, hopeless(topic: topic))
+    assert_receive {Memory, :revert}, 10_000
+
+    assert Report.read(context.tmp_dir, :reverted) =~
+             "required: ring: the topic has a live publisher"
+
+    BB.Ring.Publisher.close(publisher)
+  end
+
+  for status <- [:validated, :unknown] do
+    test "a board whose firmware is #{status} is told of the start and left alone", context do
+      {guard, memory} = guard(context, declared(), hopeless(status: unquote(status)))
+      assert_receive {Memory, :init_complete}
+      assert {:ok, %{phase: :settled, status: unquote(status)}} = Guard.state(guard)
+      assert Memory.heart(memory) == nil
+      refute_received {Memory, _}
+    end
+  end
+
+  test "a guard that was killed decides by the same deadline, with the same heart callback",
+       context do
+    robot = quiet()
+    started = System.monotonic_time(:millisecond)
+    {guard, memory} = guard(context, robot, deadline_ms: 600, started_ms: started)
+    assert_receive {Memory, {:set_heart, _}}
+    Process.exit(guard, :kill)
+    assert_receive {Memory, {:set_heart, _}}, 10_000
+    assert Memory.heart(memory) == Heart.callback()
+    assert_receive {Memory, :revert}, 10_000
+  end
+
+  test "a validation that fails is tried again", context do
+    robot = declared()
+    beating(robot, :range, [:base_link, :range])
+    start_supervised!(robot)
+    {_, memory} = guard(context, robot, status: :unvalidated, stability_ms: 200)
+    Memory.answer(memory, :validate, {:error, :timeout})
+    assert_receive {Memory, :validate}, 10_000
+    Memory.answer(memory, :validate, nil)
+    assert_receive {Memory, :validate}, 10_000
+    assert_receive {Memory, {:clear_heart, _}}
+  end
+
+  test "says that it is not running when it is not" do
+    assert Guard.state(:no_guard_of_this_name) == {:error, :not_running}
+  end
+
+  test "refuses wrong options" do
+    assert_raise BB.Options.ValidationError, ~r/required :robot/, fn -> Guard.start_link([]) end
+  end
+
+  defp quiet do
+    robot = declared()
+    start_supervised!(robot, id: make_ref())
+    robot
+  end
+end

@@ -1,0 +1,132 @@
+defmodule BB.Firmware.ImageTest do
+  @moduledoc "What the configuration of boards says, as far as the host can hold it to that."
+
+  use ExUnit.Case, async: true
+
+  alias BB.Test.Keys
+
+  setup_all do
+    {:ok, _} = Application.ensure_all_started(:ssh)
+    %{config: Config.Reader.read!("config/target.exs", env: :prod, target: :rpi4)}
+  end
+
+  describe "a board" do
+    test "lets updates in through the gate, by functions that are there", %{config: config} do
+      for key <- [:precheck_callback, :success_callback] do
+        {module, function, args} = config[:ssh_subsystem_fwup][key]
+        assert Code.ensure_loaded?(module)
+        assert function_exported?(module, function, length(args))
+      end
+    end
+
+    test "leaves validation to the guard of ours", %{config: config} do
+      assert config[:nerves_runtime][:startup_guard_enabled] == false
+    end
+
+    test "starts the watchers of a robot with options that they take", %{config: config} do
+      for module <- [BB.Firmware.Guard, BB.Firmware.Gate, BB.Firmware.Network] do
+        options = [robot: Ganglion.Robot, name: nil] ++ config[:ganglion][module]
+        assert %{start: {^module, :start_link, [^options]}} = module.child_spec(options)
+      end
+
+      for {module, _handle} <- [config[:ganglion][:board], config[:ganglion][:network]],
+          do: assert(Code.ensure_loaded?(module))
+    end
+
+    test "shows rows of ours in its message of the day", %{config: config} do
+      {module, function, args} = config[:nerves_motd][:extra_rows]
+      assert [[{_, _} | _] | _] = apply(module, function, args)
+    end
+
+    test "keeps host keys where updates leave them", %{config: config} do
+      assert "/data/" <> _ = config[:nerves_ssh][:system_dir]
+    end
+  end
+
+  describe "logging in, with the board's options for OTP's ssh," do
+    setup %{config: config} do
+      {user, public} = Keys.pair()
+      {host, _} = Keys.pair()
+      options = [key_cb: {Keys, host: host, authorized: [public]}, shell: shell()]
+
+      {:ok, daemon} =
+        :ssh.daemon({127, 0, 0, 1}, 0, options ++ config[:nerves_ssh][:daemon_option_overrides])
+
+      on_exit(fn -> :ssh.stop_daemon(daemon) end)
+      {:ok, info} = :ssh.daemon_info(daemon)
+      %{port: info[:port], user: user}
+    end
+
+    # As nerves_ssh starts it, which depends on Elixir's version.
+    defp shell do
+      file = Path.expand("rootfs_overlay/etc/iex.exs")
+
+      cond do
+        Version.match?(System.version(), ">= 1.18.0") ->
+          {:iex, :start, [[dot_iex: file], {:elixir_utils, :noop, []}]}
+
+        Version.match?(System.version(), ">= 1.17.0") ->
+          {:iex, :start, [[dot_iex_path: file], {:elixir_utils, :noop, []}]}
+
+        true ->
+          {IEx, :start, [[dot_iex_path: file]]}
+      end
+    end
+
+    defp connect(port, key, more \\ []) do
+      options = [user: ~c"ada", user_interaction: false, silently_accept_hosts: true]
+      :ssh.connect({127, 0, 0, 1}, port, [key_cb: {Keys, user: key}] ++ options ++ more, 10_000)
+    end
+
+    test "works with the key, and shows the robot's console", %{port: port, user: user} do
+      {:ok, connection} = connect(port, user)
+      {:ok, channel} = :ssh_connection.session_channel(connection, 10_000)
+      :success = :ssh_connection.ptty_alloc(connection, channel, [])
+      :ok = :ssh_connection.shell(connection, channel)
+      :ok = :ssh_connection.send(connection, channel, "firmware(:no_guard)\n")
+      assert read_until(connection, "is not running") =~ "validation"
+      :ssh.close(connection)
+    end
+
+    test "fails without a key, with a wrong one, and with a password", %{port: port} do
+      {stranger, _} = Keys.pair()
+      assert {:error, _} = connect(port, nil)
+      assert {:error, _} = connect(port, stranger)
+      assert {:error, _} = connect(port, nil, password: ~c"password")
+    end
+  end
+
+  describe "a script of the firmware's" do
+    @scripts Path.wildcard("firmware/scripts/*")
+
+    test "says how it is used, and refuses what it does not know" do
+      assert length(@scripts) == 3
+
+      for script <- @scripts do
+        assert {"usage: " <> usage, 0} = run(script, ["--help"])
+        assert String.starts_with?(usage, script)
+        assert {text, 2} = run(script, ["--nonsense"])
+        assert text =~ "--nonsense; see --help"
+      end
+    end
+
+    test "that needs a file says which one is missing" do
+      for script <- ["firmware/scripts/sign", "firmware/scripts/upload"],
+          do: assert({_, 1} = run(script, ["no-such-image.fw"]))
+
+      assert {text, 1} = run("firmware/scripts/upload", ["no-such-image.fw"])
+      assert text =~ "no-such-image.fw is missing"
+    end
+
+    defp run(script, args), do: System.cmd(Path.expand(script), args, stderr_to_stdout: true)
+  end
+
+  defp read_until(connection, wanted, read \\ "") do
+    if read =~ wanted do
+      read
+    else
+      assert_receive {:ssh_cm, ^connection, {:data, _, _, data}}, 20_000
+      read_until(connection, wanted, read <> data)
+    end
+  end
+end

@@ -1,0 +1,30 @@
+defmodule BB.Test.Network do
+  @moduledoc "A network whose state a test sets: `{BB.Test.Network, pid}` is the source."
+
+  use Agent
+
+  @behaviour BB.Firmware.Network.Source
+
+  def start_link(state), do: Agent.start_link(fn -> {state, []} end)
+
+  @doc "Changes the state, and tells those who subscribed."
+  def set(network, state) do
+    Agent.update(network, fn {_, subscribers} ->
+      Enum.each(subscribers, &send(&1, {__MODULE__, network, state}))
+      {state, subscribers}
+    end)
+  end
+
+  @impl BB.Firmware.Network.Source
+  def subscribe(network) do
+    me = self()
+    Agent.update(network, fn {state, subscribers} -> {state, [me | subscribers]} end)
+  end
+
+  @impl BB.Firmware.Network.Source
+  def state(network), do: Agent.get(network, &elem(&1, 0))
+
+  @impl BB.Firmware.Network.Source
+  def change(network, {__MODULE__, network, state}), do: {:ok, state}
+  def change(_network, _message), do: :error
+end
