@@ -49,9 +49,10 @@ defmodule ArchitectureTest do
     facade: {~w(BB), ~w(dsl supervisor process pub_sub)a},
 
     # Drivers, and the bus as they see it. What is simulated behind it they cannot name.
-    loop: {~w(BB.Loop), ~w(envelope unit telemetry)a},
+    clock: {~w(BB.Clock.*), []},
+    loop: {~w(BB.Loop), ~w(clock envelope unit telemetry)a},
     bus: {~w(BB.Bus.*), []},
-    simulation: {~w(BB.Bus.Sim.*), []},
+    simulation: {~w(BB.Bus.Sim.*), [:clock]},
     driver: {~w(BB.Sensor.*), ~w(sensor loop bus envelope payload math unit options)a},
 
     # Outlets and inlets are sensors too, docs/decisions/0003.

@@ -19,7 +19,7 @@ defmodule BB.Loop do
   were handled. A handler that takes longer than a period is not sent ticks in a burst: what it missed is skipped and counted.
 
   The runtime's timers have a resolution of one millisecond. A tick comes up to that much after its deadline, never before
-  it, and above 1 kHz some are skipped.
+  it, and above 1 kHz some are skipped. A robot in a test may have a clock that is stepped (`BB.Clock.Stepped`).
 
   With `clock: :external` nothing is sent; the loop measures and counts ticks that come from elsewhere, an interrupt or another
   sensor's messages: call `tick/1` when one comes, or `observe/2` when it is known at what time it was.
@@ -38,7 +38,7 @@ defmodule BB.Loop do
     * `:ticks`, `:skipped` - how many there were, and how many were missed, since `new/2`
   """
 
-  alias BB.{Message, Telemetry, Unit}
+  alias BB.{Clock, Message, Telemetry, Unit}
 
   @enforce_keys [:bb, :clock]
   defstruct [:bb, :clock, :period_ns, :deadline_ns, :last_ns, :tick_ref, ticks: 0, skipped: 0]
@@ -51,7 +51,7 @@ defmodule BB.Loop do
           period_ns: pos_integer() | nil,
           deadline_ns: integer() | nil,
           last_ns: integer() | nil,
-          tick_ref: reference() | nil,
+          tick_ref: Clock.timer() | nil,
           ticks: non_neg_integer(),
           skipped: non_neg_integer()
         }
@@ -96,7 +96,7 @@ defmodule BB.Loop do
   """
   @spec arm(t()) :: t()
   def arm(%__MODULE__{period_ns: period_ns, tick_ref: nil} = loop) when is_integer(period_ns),
-    do: arm_for(loop, now_ns() + period_ns)
+    do: arm_for(loop, now_ns(loop) + period_ns)
 
   def arm(%__MODULE__{} = loop), do: loop
 
@@ -107,7 +107,7 @@ defmodule BB.Loop do
   The next tick is armed.
   """
   @spec tick(t()) :: {float() | nil, non_neg_integer(), t()}
-  def tick(%__MODULE__{} = loop), do: observe(loop, now_ns())
+  def tick(%__MODULE__{} = loop), do: observe(loop, now_ns(loop))
 
   @doc """
   Like `tick/1`, for a tick at a time that is known: a monotonic time in nanoseconds, or a message, whose `monotonic_time`
@@ -133,7 +133,7 @@ defmodule BB.Loop do
   def cancel(%__MODULE__{tick_ref: nil} = loop), do: loop
 
   def cancel(%__MODULE__{tick_ref: ref} = loop) do
-    if :erlang.cancel_timer(ref) == false do
+    unless loop |> clock() |> Clock.cancel(ref) do
       receive do
         :tick -> :ok
       after
@@ -160,12 +160,9 @@ defmodule BB.Loop do
     do: arm_for(loop, loop.deadline_ns + (skipped + 1) * loop.period_ns)
 
   defp arm_for(loop, deadline_ns) do
-    ref = :erlang.send_after(to_ms(deadline_ns), self(), :tick, abs: true)
+    ref = loop |> clock() |> Clock.send_at(deadline_ns, self(), :tick)
     %{loop | deadline_ns: deadline_ns, tick_ref: ref}
   end
-
-  # The timer's time in whole milliseconds, never before the deadline.
-  defp to_ms(deadline_ns), do: -Integer.floor_div(-deadline_ns, 1_000_000)
 
   defp emit(loop, dt_ns, skipped, time_ns) do
     late_ns = if loop.deadline_ns, do: time_ns - loop.deadline_ns, else: 0
@@ -177,5 +174,7 @@ defmodule BB.Loop do
     )
   end
 
-  defp now_ns, do: System.monotonic_time(:nanosecond)
+  defp now_ns(loop), do: loop |> clock() |> Clock.now_ns()
+
+  defp clock(loop), do: Clock.of(loop.bb.robot)
 end
