@@ -38,8 +38,17 @@ defmodule BB.Firmware.ImageTest do
       assert [[{_, _} | _] | _] = apply(module, function, args)
     end
 
-    test "keeps host keys where updates leave them", %{config: config} do
+    test "keeps host keys where updates leave them, and looks at them before ssh does", %{
+      config: config
+    } do
       assert "/data/" <> _ = config[:nerves_ssh][:system_dir]
+      init = config[:nerves_runtime][:init_module]
+      assert %{start: {^init, :start_link, _}} = init.child_spec([])
+      assert [:nerves_runtime | _] = config[:shoehorn][:init]
+    end
+
+    test "keeps nobody's login key that is not in its image", %{config: config} do
+      refute String.starts_with?(config[:nerves_ssh][:user_dir], "/data")
     end
   end
 
