@@ -41,33 +41,17 @@ config :nerves_ssh,
   user_dir: "/run/nerves_ssh",
   daemon_option_overrides: [auth_methods: ~c"publickey"]
 
-# Wi-Fi, if it is given at build time. What is configured on the board itself is kept in /data and goes before this.
-wifi =
-  case System.get_env("GANGLION_WIFI_SSID") do
-    nil ->
-      %{type: VintageNetWiFi}
-
-    ssid ->
-      psk = System.fetch_env!("GANGLION_WIFI_PASSPHRASE")
-      network = %{key_mgmt: :wpa_psk, ssid: ssid, psk: psk}
-
-      %{
-        type: VintageNetWiFi,
-        vintage_net_wifi: %{networks: [network]},
-        ipv4: %{method: :dhcp}
-      }
-  end
-
+# Which Wi-Fi, and by what name, is the card's affair (firmware/provisioning.conf, BB.Firmware.Provisioning): one image is for many robots.
 config :vintage_net,
-  regulatory_domain: System.get_env("GANGLION_WIFI_COUNTRY", "00"),
+  regulatory_domain: "00",
   config: [
     {"usb0", %{type: VintageNetDirect}},
     {"eth0", %{type: VintageNetEthernet, ipv4: %{method: :dhcp}}},
-    {"wlan0", wifi}
+    {"wlan0", %{type: VintageNetWiFi}}
   ]
 
 config :mdns_lite,
-  hosts: [:hostname, System.get_env("GANGLION_NAME", "ganglion")],
+  hosts: [:hostname, "ganglion"],
   ttl: 120,
   services: [%{protocol: "ssh", transport: "tcp", port: 22}]
 
