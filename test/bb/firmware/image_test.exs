@@ -19,6 +19,10 @@ defmodule BB.Firmware.ImageTest do
       end
     end
 
+    test "is built of files that are there", %{config: config} do
+      for {_what, path} <- config[:nerves][:firmware], do: assert(File.exists?(path), path)
+    end
+
     test "leaves validation to the guard of ours", %{config: config} do
       assert config[:nerves_runtime][:startup_guard_enabled] == false
     end
