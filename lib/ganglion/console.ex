@@ -18,7 +18,8 @@ defmodule Ganglion.Console do
   | `arm()`, `disarm()` | let the robot move, make it safe |
   | `estop()`, `release()` | make it safe and keep it so, until released |
 
-  The parentheses belong to them: without, Elixir takes the word for a variable. Each takes a robot as its last argument; without one it is that of the configuration (`config :ganglion, :robot`), or `Ganglion.Robot`.
+  The parentheses belong to them: without, Elixir takes the word for a variable. Each takes a robot as its last argument;
+  without one it is that of the configuration (`config :ganglion, :robot`), or `Ganglion.Robot`.
   They print, fit 80 columns, return nothing of interest, and never raise: what goes wrong is a line that says so.
   """
 
