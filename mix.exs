@@ -3,8 +3,8 @@ defmodule Mix.Tasks.Compile.Cargo do
   @moduledoc """
   Runs cargo on the workspace `native/` and puts what it built into the application's `priv`.
 
-  The build goes to `native/` inside Mix's build path, so that each target and environment has its own and the source tree
-  stays clean. The NIF becomes `priv/conduit_ring_nif.so`, the programs go to `priv/bin/`.
+  The build goes below Mix's build folder, so that the source tree stays clean: to `cargo/` there for the machine that builds,
+  where all environments and cargo's own tests share it, and to `native/` in the target's build path for a board. The NIF becomes `priv/conduit_ring_nif.so`, the programs go to `priv/bin/`.
 
   A target build follows Nerves' toolchain: the basename of `CROSSCOMPILE` names the Rust triple (`triple/1`), `CC` is the
   linker and the compiler of C sources inside crates (`env/2`).
@@ -25,7 +25,7 @@ defmodule Mix.Tasks.Compile.Cargo do
   @impl Mix.Task.Compiler
   def run(_argv) do
     triple = triple(System.get_env("CROSSCOMPILE"))
-    target_dir = Path.join(Mix.Project.build_path(), "native")
+    target_dir = target_dir(triple)
 
     case System.cmd("cargo", arguments(triple, target_dir), options(triple)) do
       {_, 0} -> install(Path.join([target_dir, triple || "", "release"]))
@@ -38,7 +38,7 @@ defmodule Mix.Tasks.Compile.Cargo do
 
   @impl Mix.Task.Compiler
   def clean do
-    File.rm_rf!(Path.join(Mix.Project.build_path(), "native"))
+    "CROSSCOMPILE" |> System.get_env() |> triple() |> target_dir() |> File.rm_rf!()
     :ok
   end
 
@@ -88,6 +88,15 @@ defmodule Mix.Tasks.Compile.Cargo do
 
     ["build", "--release", "--locked", "--quiet", "--target-dir", target_dir] ++
       target ++ packages
+  end
+
+  # Boards of one triple differ in their flags.
+  defp target_dir(triple) do
+    build_path = Mix.Project.build_path()
+
+    if triple || System.get_env("MIX_BUILD_PATH"),
+      do: Path.join(build_path, "native"),
+      else: Path.join(Path.dirname(build_path), "cargo")
   end
 
   defp options(triple) do
