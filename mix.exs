@@ -174,11 +174,11 @@ defmodule Ganglion.MixProject do
   def application do
     [
       mod: {Ganglion.Application, []},
-      extra_applications: [:logger, :runtime_tools, :sasl] ++ test_applications(Mix.env())
+      extra_applications: [:logger, :runtime_tools, :sasl, :ssh] ++ test_applications(Mix.env())
     ]
   end
 
-  defp test_applications(:test), do: [:proper, :ssh]
+  defp test_applications(:test), do: [:proper]
   defp test_applications(_env), do: []
 
   if Version.match?(System.version(), ">= 1.15.0") do
