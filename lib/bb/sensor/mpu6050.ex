@@ -167,6 +167,9 @@ defmodule BB.Sensor.Mpu6050 do
   defp hertz(_), do: :error
 
   @impl BB.Sensor
+  def rate(opts), do: opts[:rate]
+
+  @impl BB.Sensor
   def init(opts) do
     case start(opts) do
       {:ok, sensor} -> {:ok, sensor}
