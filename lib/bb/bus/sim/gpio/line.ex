@@ -48,6 +48,7 @@ defmodule BB.Bus.Sim.GPIO.Line do
           noise: level() | nil
         }
 
+  @doc "Whether a term is a `t:drive/0`."
   defguard is_drive(drive) when drive in [0, 1, :z, :pullup, :pulldown]
 
   @doc "The pin's direction and pull are set; a pull of `:not_set` stays as it was."
