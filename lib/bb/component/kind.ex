@@ -15,7 +15,7 @@ defmodule BB.Component.Kind do
       unquote(starting())
       unquote(serving())
 
-      @optional_callbacks disarm: 1, explain: 1, rate: 1
+      @optional_callbacks disarm: 1, explain: 1, rate: 1, inhibition: 0
 
       @doc false
       defmacro __using__(opts), do: BB.Component.Callbacks.code(__MODULE__, opts)
@@ -57,6 +57,12 @@ defmodule BB.Component.Kind do
       Makes the hardware safe. Gets the options of `init/1` and must work without the process, which may be dead.
       """
       @callback disarm(opts :: keyword()) :: :ok | {:error, term()}
+
+      @doc """
+      Why the robot may not be armed before this component says that it may, by `BB.Safety.vouch/2` or `BB.Safety.allow/2`: for what
+      watches over the robot. It is in force before anything of the robot runs.
+      """
+      @callback inhibition() :: reason :: term()
 
       @doc """
       Takes on new options, checked as those of `init/1`, when a parameter to which they refer has changed. By default they
