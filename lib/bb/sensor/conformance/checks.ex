@@ -25,6 +25,22 @@ defmodule BB.Sensor.Conformance.Checks do
     end)
   end
 
+  @doc "Without its device, or its bus, from the start on it is down, and says why; it is up when that is there."
+  @spec absence(Setting.t()) :: :ok
+  def absence(setting) do
+    absence = setting.wires.absence()
+
+    Bench.on(setting, [broken: absence], fn bench ->
+      row = Bench.await_down(bench, "says that its device is absent")
+      explained!(bench, row, "its absence")
+      tried_again(bench, row)
+      _ = Bench.mend(bench, absence)
+      Bench.await_up(bench)
+      _ = Bench.await_message(bench)
+      :ok
+    end)
+  end
+
   @doc "Each fault is one status, one alarm and no message for as long as it lasts; then it is up and publishes anew."
   @spec faults(Setting.t()) :: :ok
   def faults(setting) do
@@ -43,6 +59,7 @@ defmodule BB.Sensor.Conformance.Checks do
     pid = Bench.pid!(bench)
     Bench.break(bench, fault)
     _ = Bench.mend(bench, fault)
+    _ = Bench.messages(bench)
     _ = Bench.await_message(bench)
     kept!(Bench.row(bench).pid == pid, "#{fault}, which it cannot see, ended its process")
   end
@@ -130,17 +147,16 @@ defmodule BB.Sensor.Conformance.Checks do
     )
   end
 
-  # The first event was that of the message before.
   defp pace(bench, seconds) do
     before = Bench.published(bench)
 
-    for n <- 2..@events do
-      bench.setting.event.(bench.place, n)
+    for _ <- 1..@events do
+      Bench.happen(bench)
       Bench.pass(bench, div(seconds * @second_ns, @events))
     end
 
     count = Bench.published(bench) - before
-    kept!(count == @events - 1, "of #{@events - 1} events it published #{count}")
+    kept!(count == @events, "of #{@events} events it published #{count}")
   end
 
   @doc "When it was killed it opens its bus again; when it was stopped nobody has it open."
@@ -172,7 +188,7 @@ defmodule BB.Sensor.Conformance.Checks do
     Bench.on(setting, fn bench ->
       Bench.await_up(bench)
       monitor = Process.monitor(Bench.pid!(bench))
-      :ok = setting.wires.break(bench.place, stuck(setting))
+      :ok = setting.wires.break(bench.place, setting.wires.stuck())
       Supervisor.stop(bench.robot)
 
       receive do
@@ -181,8 +197,6 @@ defmodule BB.Sensor.Conformance.Checks do
       end
     end)
   end
-
-  defp stuck(setting), do: if(:stuck in setting.wires.faults(), do: :stuck, else: :unplug)
 
   # Judging
 

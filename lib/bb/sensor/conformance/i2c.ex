@@ -9,6 +9,12 @@ defmodule BB.Sensor.Conformance.I2C do
   def faults, do: [:unplug, :nak, :timeout, :stuck]
 
   @impl true
+  def absence, do: :unplug
+
+  @impl true
+  def stuck, do: :stuck
+
+  @impl true
   def start(setting, name, clock) do
     place = %{bus: name, address: setting.address}
 
