@@ -51,7 +51,7 @@ defmodule ArchitectureTest do
     # Drivers, and the bus as they see it. What is simulated behind it they cannot name.
     clock: {~w(BB.Clock.*), []},
     loop: {~w(BB.Loop), ~w(clock envelope unit telemetry)a},
-    bus: {~w(BB.Bus.*), []},
+    bus: {~w(BB.Bus.*), [:clock]},
     simulation: {~w(BB.Bus.Sim.*), [:clock]},
     polled: {~w(BB.Sensor.Polled), ~w(sensor loop unit)a},
     driver: {~w(BB.Sensor.*), ~w(sensor polled loop bus envelope payload math unit options)a},
