@@ -53,7 +53,8 @@ defmodule ArchitectureTest do
     loop: {~w(BB.Loop), ~w(clock envelope unit telemetry)a},
     bus: {~w(BB.Bus.*), []},
     simulation: {~w(BB.Bus.Sim.*), [:clock]},
-    driver: {~w(BB.Sensor.*), ~w(sensor loop bus envelope payload math unit options)a},
+    polled: {~w(BB.Sensor.Polled), ~w(sensor loop unit)a},
+    driver: {~w(BB.Sensor.*), ~w(sensor polled loop bus envelope payload math unit options)a},
 
     # Outlets and inlets are sensors too, docs/decisions/0003.
     ring: {~w(BB.Ring.*), [:options]},

@@ -1,6 +1,7 @@
 defmodule BB.Sensor.Mpu6050.ChipTest do
   use ExUnit.Case, async: true
 
+  alias BB.Bus.I2C.Device
   alias BB.Bus.Sim
   alias BB.Bus.Sim.I2C
   alias BB.Sensor.Mpu6050.Chip
@@ -19,8 +20,8 @@ defmodule BB.Sensor.Mpu6050.ChipTest do
     opts = [reset_ms: 0, source: {:stepped, [@at_rest]}]
     device = {Sim.Mpu6050, Keyword.merge(opts, Map.get(context, :device, []))}
     start_supervised!({Sim, buses: %{name => [devices: %{@address => device}]}})
-    {:ok, chip} = Chip.open(I2C, name, @address, 10, @settings)
-    %{name: name, chip: chip}
+    {:ok, device} = Device.open(i2c: I2C, bus: name, address: @address, timeout: 10)
+    %{name: name, chip: %Chip{device: device, settings: @settings}}
   end
 
   defp register(name, address, count) do
@@ -103,10 +104,5 @@ defmodule BB.Sensor.Mpu6050.ChipTest do
   test "a closed bus is an error of the bus", %{chip: chip, name: name} do
     :ok = Chip.close(chip)
     assert Chip.sample(chip) == {:error, {:bus, name, @address, {:errno, 9}}}
-  end
-
-  test "a missing bus is told" do
-    assert Chip.open(I2C, "i2c-none", @address, 10, @settings) ==
-             {:error, {:bus_not_found, "i2c-none"}}
   end
 end
