@@ -15,7 +15,7 @@ defmodule BB.Component.Kind do
       unquote(starting())
       unquote(serving())
 
-      @optional_callbacks disarm: 1, explain: 1, inhibition: 0
+      @optional_callbacks disarm: 1, explain: 1, inhibition: 0, rate: 1
 
       @doc false
       defmacro __using__(opts), do: BB.Component.Callbacks.code(__MODULE__, opts)
@@ -76,6 +76,12 @@ defmodule BB.Component.Kind do
       Reasons that it has no clause for are shown as terms.
       """
       @callback explain(reason :: term()) :: String.t()
+
+      @doc """
+      How many messages a second it publishes on its path when all is well, with the options that `init/1` gets; `nil` where
+      that is not to be said. Health shows it beside what is measured.
+      """
+      @callback rate(opts :: keyword()) :: number() | nil
     end
   end
 

@@ -62,8 +62,9 @@ defmodule BB.Bus.Sim.Server do
 
     bus = %{
       slots: %{},
-      clock: opts[:clock] || (&monotonic_ns/0),
+      clock: clock!(Keyword.get(opts, :clock, :real)),
       clock_hz: opts[:clock_hz],
+      stuck?: false,
       free_at_ns: monotonic_ns(),
       holder: nil,
       queue: :queue.new()
@@ -77,6 +78,8 @@ defmodule BB.Bus.Sim.Server do
     do: {:noreply, serve(%{bus | queue: :queue.in({from, transfer}, bus.queue)})}
 
   def handle_call(:devices, _from, bus), do: {:reply, Map.new(bus.slots, &describe/1), bus}
+
+  def handle_call({:stuck, stuck?}, _from, bus), do: {:reply, :ok, %{bus | stuck?: stuck?}}
 
   def handle_call({:plug, address, device}, _from, bus) do
     case plug(address, device, bus) do
@@ -113,15 +116,21 @@ defmodule BB.Bus.Sim.Server do
   end
 
   defp attempt(slot, transfer, retries, spent_ns, bus) do
-    {answer, slot} = Slot.attempt(slot, transfer.request, bus.clock.())
-    spent_ns = spent_ns + cost_ns(answer, transfer, bus.clock_hz)
+    {answer, held_ms, slot} = attempt(slot, transfer, bus)
+    spent_ns = spent_ns + held_ms * @ns_per_ms + cost_ns(answer, transfer, bus.clock_hz)
 
     if retries > 0 and match?({:error, _}, answer),
       do: attempt(slot, transfer, retries - 1, spent_ns, bus),
       else: {answer, spent_ns, slot}
   end
 
-  defp cost_ns({:error, :timeout}, transfer, _clock_hz), do: transfer.timeout_ms * @ns_per_ms
+  defp attempt(slot, transfer, %{stuck?: true}),
+    do: {{:error, :timeout}, transfer.timeout_ms, slot}
+
+  defp attempt(slot, transfer, bus),
+    do: Slot.attempt(slot, transfer.request, transfer.timeout_ms, bus.clock.())
+
+  defp cost_ns({:error, :timeout}, _transfer, _clock_hz), do: 0
   defp cost_ns(_answer, _transfer, nil), do: 0
 
   defp cost_ns(answer, transfer, clock_hz),
@@ -164,9 +173,10 @@ defmodule BB.Bus.Sim.Server do
     with :error <- Map.fetch(bus.slots, address), do: {:error, :no_device}
   end
 
-  defp change(:unplug, slot, _bus), do: {:ok, %{slot | plugged?: false, fault: nil}}
+  defp change(:unplug, slot, _bus), do: {:ok, Slot.unplug(slot)}
   defp change(:replug, slot, bus), do: Slot.replug(slot, bus.clock.())
-  defp change({:fault, fault}, slot, _bus), do: {:ok, %{slot | fault: fault}}
+  defp change(:clear, slot, _bus), do: {:ok, Slot.mend(slot)}
+  defp change({:fault, fault}, slot, bus), do: Slot.harm(slot, fault, bus.clock.())
 
   defp plug(address, device, bus) do
     case bus.slots[address] do
@@ -197,6 +207,16 @@ defmodule BB.Bus.Sim.Server do
       [] -> :ok
       unknown -> raise ArgumentError, "unknown options of a bus: #{inspect(unknown)}"
     end
+  end
+
+  defp clock!(function) when is_function(function, 0), do: function
+
+  defp clock!(clock) when clock == :real or is_struct(clock, BB.Clock.Stepped),
+    do: fn -> BB.Clock.now_ns(clock) end
+
+  defp clock!(other) do
+    raise ArgumentError,
+          "expected clock: a BB.Clock or a function that returns nanoseconds, got: #{inspect(other)}"
   end
 
   defp monotonic_ns, do: System.monotonic_time(:nanosecond)
