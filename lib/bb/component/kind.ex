@@ -15,7 +15,7 @@ defmodule BB.Component.Kind do
       unquote(starting())
       unquote(serving())
 
-      @optional_callbacks disarm: 1, explain: 1, rate: 1, inhibition: 0
+      @optional_callbacks disarm: 1, explain: 1, inhibition: 0, rate: 1
 
       @doc false
       defmacro __using__(opts), do: BB.Component.Callbacks.code(__MODULE__, opts)
