@@ -59,7 +59,7 @@ defmodule ArchitectureTest do
     # What all drivers are tested by. It has a robot, and breaks its wires.
     conformance:
       {~w(BB.Sensor.Conformance.*),
-       ~w(facade sensor simulation clock parameter pub_sub envelope payload unit options)a},
+       ~w(facade sensor bus simulation clock parameter pub_sub envelope payload unit options)a},
 
     # Outlets and inlets are sensors too, docs/decisions/0003.
     ring: {~w(BB.Ring.*), [:options]},

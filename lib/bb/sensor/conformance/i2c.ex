@@ -46,5 +46,6 @@ defmodule BB.Sensor.Conformance.I2C do
   def mend(place, _fault), do: Sim.clear(place.bus, place.address)
 
   @impl true
-  def free?(_place), do: true
+  def free?(place),
+    do: not Enum.any?(BB.Bus.I2C.health(), &(&1.bus == place.bus and &1.handles > 0))
 end
