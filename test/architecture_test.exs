@@ -54,7 +54,9 @@ defmodule ArchitectureTest do
     bus: {~w(BB.Bus.*), [:clock]},
     simulation: {~w(BB.Bus.Sim.*), [:clock]},
     polled: {~w(BB.Sensor.Polled), ~w(sensor loop unit)a},
-    driver: {~w(BB.Sensor.*), ~w(sensor polled loop bus envelope payload math unit options)a},
+    driver:
+      {~w(BB.Sensor.*),
+       ~w(sensor polled clock loop bus safety envelope payload math unit options)a},
 
     # What all drivers are tested by. It has a robot, and breaks its wires.
     conformance:
