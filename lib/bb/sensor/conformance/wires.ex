@@ -1,0 +1,27 @@
+defmodule BB.Sensor.Conformance.Wires do
+  @moduledoc "What a driver's chip hangs on in a conformance test, and how that breaks."
+
+  @typedoc "Where the chip is."
+  @type place :: %{atom() => term()}
+
+  @doc "The faults that there are."
+  @callback faults() :: [atom()]
+
+  @doc "Starts what is simulated, linked to the caller, under a name that is free."
+  @callback start(BB.Sensor.Conformance.Setting.t(), String.t(), BB.Clock.t()) :: {pid(), place()}
+
+  @doc "The driver's options that say where the chip is."
+  @callback options(place()) :: keyword()
+
+  @doc "Puts another device in the place of the chip."
+  @callback exchange(place(), {module(), keyword()}) :: :ok
+
+  @doc "Begins a fault."
+  @callback break(place(), atom()) :: :ok
+
+  @doc "Ends it."
+  @callback mend(place(), atom()) :: :ok
+
+  @doc "Whether nobody has it open."
+  @callback free?(place()) :: boolean()
+end
