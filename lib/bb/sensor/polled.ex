@@ -76,7 +76,10 @@ defmodule BB.Sensor.Polled do
   A reading, `:none` when the device has no new one, or why there is none. `now_ns` is the time of the robot's clock.
   """
   @callback measure(device(), now_ns :: integer()) ::
-              {:ok, reading :: term(), device()} | {:none, device()} | {:error, reason()}
+              {:ok, reading :: term(), device()}
+              | {:none, device()}
+              | {:error, reason()}
+              | {:error, reason(), device()}
 
   @doc "Publishes a reading."
   @callback publish(reading :: term(), sensor :: t()) :: :ok
@@ -167,6 +170,7 @@ defmodule BB.Sensor.Polled do
       {:ok, reading, device} -> measured(reading, succeeded(sensor, device))
       {:none, device} -> {:noreply, succeeded(sensor, device)}
       {:error, reason} -> failed(reason, sensor)
+      {:error, reason, device} -> failed(reason, %{sensor | device: device})
     end
   end
 

@@ -22,7 +22,7 @@ defmodule BB.Bus.Sim.Lines do
       Lines.fault({"gpiochip0", 17}, :cut)            # the pin sees its own pull and nothing else
       Lines.fault({"gpiochip0", 17}, {:short, 0})     # to ground; 1: to the supply
       Lines.fault({"gpiochip0", 17}, {:storm, 20_000})  # noise: so many edges a second
-      Lines.fault({"gpiochip0", 17}, :busy)           # another program has it: who opens it gets {:error, :already_open}
+      Lines.fault({"gpiochip0", 17}, :busy)           # another program has taken it: handles are closed, who opens it gets {:error, :already_open}
       Lines.clear({"gpiochip0", 17})
       Lines.unplug("gpiochip0", :bumper)              # the device's wires come off
       Lines.replug("gpiochip0", :bumper)              # as after power-on

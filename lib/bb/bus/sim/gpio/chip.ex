@@ -93,12 +93,8 @@ defmodule BB.Bus.Sim.GPIO.Chip do
 
   def handle_call({:close, ref}, _from, chip), do: chip |> close(ref) |> reply(:ok)
 
-  def handle_call({:force_close, offset}, _from, chip) do
-    chip.handles
-    |> Enum.filter(fn {_ref, handle} -> offset in handle.offsets end)
-    |> Enum.reduce(chip, fn {ref, _handle}, chip -> close(chip, ref) end)
-    |> reply(:ok)
-  end
+  def handle_call({:force_close, offset}, _from, chip),
+    do: chip |> close_all(offset) |> reply(:ok)
 
   def handle_call({:status, offset}, _from, chip) when offset < chip.count,
     do: {:reply, {:ok, status(chip, offset)}, chip}
@@ -137,7 +133,7 @@ defmodule BB.Bus.Sim.GPIO.Chip do
 
   def handle_call({:fault, offset, fault}, _from, chip) do
     now_ns = now_ns(chip)
-
+    chip = if fault == :busy, do: close_all(chip, offset), else: chip
     chip = %{chip | agenda: Agenda.drop(chip.agenda, {:storm, offset})}
     chip = change(chip, offset, &Line.fault(&1, fault), now_ns, nil)
     chip |> storm(offset, fault, now_ns) |> reply(:ok)
@@ -210,6 +206,12 @@ defmodule BB.Bus.Sim.GPIO.Chip do
       {handle, handles} ->
         Process.demonitor(handle.owner, [:flush])
         let_go(%{chip | handles: handles}, handle.offsets)
+    end
+  end
+
+  defp close_all(chip, offset) do
+    for {ref, handle} <- chip.handles, offset in handle.offsets, reduce: chip do
+      chip -> close(chip, ref)
     end
   end
 

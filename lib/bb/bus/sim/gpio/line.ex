@@ -34,7 +34,7 @@ defmodule BB.Bus.Sim.GPIO.Line do
 
   @typedoc """
   What is wrong with it: the wire is cut or short-circuited; noise changes its level at the pin so many times a second; or another
-  program of the machine has it open, so that nobody here can open it.
+  program of the machine has taken it, so that whoever had it open has lost it and nobody here can open it.
   """
   @type fault :: :cut | {:short, level()} | {:storm, hertz :: pos_integer()} | :busy
 
