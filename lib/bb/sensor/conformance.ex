@@ -30,7 +30,7 @@ defmodule BB.Sensor.Conformance do
   | identifies its chip and refuses another | with `other_device` in its place it is down, says so in words, and publishes nothing; with its own it is up |
   | starts without its device | it is down and says so in words, and up when the device is there; on GPIO it is another program that has its lines |
   | reports each fault once, and clears it | one status and one alarm for as long as the fault lasts, however often it is tried; one status, and no alarm, when it is over |
-  | never publishes an old reading as new | not a message between a fault's beginning and its end; the first one after that was measured after it |
+  | never publishes an old reading as new | not a message between a fault's beginning (on a line, which has a level all the same: its report) and its end; the first one after that was measured after it |
   | survives unplug and replug | the same for pulled wires: it is up again, and publishes |
   | honours `handle_options` | parameters change to `new_options`: the same process goes on, at its new rate |
   | keeps its rate | in a minute of stepped time (`BB.Clock.Stepped`) it publishes as often as its `rate/1` declares, to one in a thousand |

@@ -67,6 +67,8 @@ defmodule BB.Sensor.Conformance.Checks do
   defp report(bench, fault) do
     Bench.break(bench, fault)
     row = Bench.await_down(bench, "reports #{fault}")
+    # What a line shows is what is there, until it turns out to be a fault.
+    _ = if fault in bench.setting.wires.deceptive(), do: Bench.messages(bench)
     explained!(bench, row, fault)
     tried_again(bench, row)
     one!(Bench.statuses(bench), "reports of #{fault}")

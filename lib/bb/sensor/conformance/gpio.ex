@@ -18,6 +18,9 @@ defmodule BB.Sensor.Conformance.GPIO do
   def stuck, do: :cut
 
   @impl true
+  def deceptive, do: [:cut, :short, :storm]
+
+  @impl true
   def start(setting, name, clock) do
     {model, opts} = setting.device
     lines = for {_pin, line} <- opts[:pins], do: {name, line}

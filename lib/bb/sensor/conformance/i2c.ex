@@ -15,6 +15,9 @@ defmodule BB.Sensor.Conformance.I2C do
   def stuck, do: :stuck
 
   @impl true
+  def deceptive, do: []
+
+  @impl true
   def start(setting, name, clock) do
     place = %{bus: name, address: setting.address}
 
