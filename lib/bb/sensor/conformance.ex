@@ -54,7 +54,7 @@ defmodule BB.Sensor.Conformance do
     * `:patience_ms` - how long to wait for what must come; default 15 s
 
   Faults on I2C: `:unplug`, `:nak` (the chip does not acknowledge), `:timeout` (it holds the bus each time), `:stuck` (a wire of the bus is held low).
-  On GPIO: `:unplug`, and of each of its lines `:cut`, `:short` (to ground) and `:storm` (noise of 2000 edges a second).
+  On GPIO: `:unplug`, and of each of its lines `:cut`, `:short` (to ground) and `:storm` (noise of 1777 edges a second).
   """
 
   alias BB.Sensor.Conformance.{Checks, Setting}
