@@ -7,13 +7,15 @@ defmodule Ganglion.Robots.All do
   | `:imu` | MPU-6050 | `i2c-1`, 0x68 | 100 Hz |
   | `:battery` | INA219 | `i2c-1`, 0x40 | 10 Hz |
   | `:motors` | INA219 | `i2c-2`, 0x41 | 10 Hz |
+  | `:bumper_left`, `:bumper_right` | contacts | lines 17, 22 | 10 Hz each |
+  | `:estop` | emergency stop, normally closed | line 27 | 50 Hz |
 
   What they are wired to is `Ganglion.Robots.All.World`.
   """
 
   use BB
 
-  alias BB.Sensor.{Ina219, Mpu6050}
+  alias BB.Sensor.{ContactSwitch, EmergencyStop, Ina219, Mpu6050}
 
   settings do
     name(:all)
@@ -30,6 +32,16 @@ defmodule Ganglion.Robots.All do
       sensor(:motors, {Ina219, bus: "i2c-2", address: 0x41, rate: ~u(10 hertz)},
         max_silence: ~u(500 millisecond)
       )
+
+      sensor(:bumper_left, {ContactSwitch, line: {"gpiochip0", 17}},
+        max_silence: ~u(500 millisecond)
+      )
+
+      sensor(:bumper_right, {ContactSwitch, line: {"gpiochip0", 22}},
+        max_silence: ~u(500 millisecond)
+      )
+
+      sensor(:estop, {EmergencyStop, line: {"gpiochip0", 27}}, max_silence: ~u(200 millisecond))
     end
   end
 end

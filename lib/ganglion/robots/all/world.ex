@@ -18,7 +18,11 @@ defmodule Ganglion.Robots.All.World do
     {:motors, "i2c-2", 0x41, {Sim.Ina219, source: [voltage: 11.0, current: 0.8]}}
   ]
 
-  @gpio []
+  @gpio [
+    bumper_left: {Sim.Contact, pins: [contact: 17]},
+    bumper_right: {Sim.Contact, pins: [contact: 22]},
+    estop: {Sim.Contact, pins: [contact: 27], normally: :closed}
+  ]
 
   @chip "gpiochip0"
 
