@@ -13,7 +13,8 @@ defmodule Ganglion.Application do
       [
         BB.Safety.Supervisor,
         {Registry, keys: :unique, name: BB.Bus.Sim.Registry},
-        {Registry, keys: :unique, name: BB.Bus.Sim.GPIO.Registry}
+        {Registry, keys: :unique, name: BB.Bus.Sim.GPIO.Registry},
+        BB.Bus.I2C.Supervisor
       ] ++
         simulation(Application.get_env(:ganglion, :simulated_buses)) ++
         robot(Application.get_env(:ganglion, :robot))

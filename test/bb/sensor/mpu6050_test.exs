@@ -325,8 +325,8 @@ defmodule BB.Sensor.Mpu6050Test do
          context do
       for {fault, reason} <- [
             nak: {:no_answer, context.name, 0x68},
-            timeout: {:timeout, context.name, 0x68},
-            retry: {:bus, context.name, 0x68, :retry}
+            retry: {:bus, context.name, 0x68, :retry},
+            timeout: {:timeout, context.name, 0x68}
           ] do
         pid = start!(sensor(context, path: [:base_link, :imu]))
         receive_imu()

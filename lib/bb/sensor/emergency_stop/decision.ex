@@ -26,7 +26,7 @@ defmodule BB.Sensor.EmergencyStop.Decision do
         }
 
   # So many attempts to let go that an edge undid, one after the other, are no hand.
-  @most_unrest 10
+  @most_unrest 25
 
   @doc "What it is at first, by the contact as it is found."
   @spec new(:closed | :open, non_neg_integer()) :: {:halted | :released, t()}
@@ -60,7 +60,8 @@ defmodule BB.Sensor.EmergencyStop.Decision do
       do: {:release, %{decision | state: :released, closed_ns: nil, unrest: 0}}
 
   def see(decision, :closed, _now_ns), do: {:stay, decision}
-  def see(decision, :open, _now_ns), do: {:stay, %{decision | closed_ns: nil, unrest: 0}}
+  # Of a line that changes all the time, half of the readings are open.
+  def see(decision, :open, _now_ns), do: {:stay, %{decision | closed_ns: nil}}
 
   defp halted(decision), do: %{decision | state: :halted, closed_ns: nil, unrest: 0}
 end

@@ -32,18 +32,18 @@ defmodule BB.Sensor.EmergencyStop.DecisionTest do
     assert {:stay, _} = Decision.see(d, :closed, 150)
   end
 
-  test "an edge each time that it may soon be released is noise, after ten of them" do
+  test "an edge each time that it may soon be released is noise, after twenty-five of them" do
     verdicts =
       Stream.unfold(halted(), fn d ->
         {:listen, d} = Decision.see(d, :closed, 0)
         Decision.edge(d)
       end)
 
-    assert Enum.find_index(verdicts, &(&1 == :restless)) == 9
+    assert Enum.find_index(verdicts, &(&1 == :restless)) == 24
   end
 
-  test "a hand that plays with it is none, as long as it is found open in between" do
-    Enum.reduce(1..100, halted(), fn _, d ->
+  test "a hand that plays with it, twenty times, is none" do
+    Enum.reduce(1..20, halted(), fn _, d ->
       {:listen, d} = Decision.see(d, :closed, 0)
       {:wait, d} = Decision.edge(d)
       {:stay, d} = Decision.see(d, :open, 0)
