@@ -37,7 +37,7 @@ defmodule BB.Sensor.Polled do
   A reading is published when it was made, or not at all. After three failed readings in a row the sensor stops with the last one's reason, and
   is started again as its robot's supervision says. What answers after a failed reading may be a device that was plugged in anew:
   `c:check/1` is called before the next one. A reason of the kind `:restarted` (`t:BB.Bus.I2C.Device.reason/0`) stops the sensor at once, so
-  that the device is set up again.
+  that the device is set up again, and so does `{:stop, reason}` from `c:measure/2`.
 
   What keeps a device from measuring at all belongs into `c:open/1` too: a sensor that opens well and then fails goes up and down for
   as long as the fault lasts, instead of staying down with one reason.
@@ -73,10 +73,14 @@ defmodule BB.Sensor.Polled do
   @callback open(opts :: keyword()) :: {:ok, device()} | {:error, reason()}
 
   @doc """
-  A reading, `:none` when the device has no new one, or why there is none. `now_ns` is the time of the robot's clock.
+  A reading, `:none` when the device has no new one, or why there is none; `{:stop, reason}` for a reason after which it makes no sense to go
+  on. `now_ns` is the time of the robot's clock.
   """
   @callback measure(device(), now_ns :: integer()) ::
-              {:ok, reading :: term(), device()} | {:none, device()} | {:error, reason()}
+              {:ok, reading :: term(), device()}
+              | {:none, device()}
+              | {:error, reason()}
+              | {:stop, reason()}
 
   @doc "Publishes a reading."
   @callback publish(reading :: term(), sensor :: t()) :: :ok
@@ -167,6 +171,7 @@ defmodule BB.Sensor.Polled do
       {:ok, reading, device} -> measured(reading, succeeded(sensor, device))
       {:none, device} -> {:noreply, succeeded(sensor, device)}
       {:error, reason} -> failed(reason, sensor)
+      {:stop, reason} -> {:stop, {:shutdown, reason}, sensor}
     end
   end
 
