@@ -72,7 +72,8 @@ defmodule BB.Test.Chaos.Plan do
     do: [:unplug, :nak, :timeout, :retry, :slow, :bit_errors, :stuck]
 
   defp faults({:gpio, _chip, _device, _lines}, :sonar), do: [:unplug, :cut, :storm]
-  defp faults({:gpio, _chip, _device, _lines}, _sensor), do: [:storm]
+  defp faults({:gpio, _chip, _device, [_a, _b]}, _encoder), do: [:cut_one]
+  defp faults({:gpio, _chip, _device, _lines}, _contact), do: [:storm]
 
   defp draw(:slow), do: {:slow, 25 + :rand.uniform(35)}
   defp draw(:bit_errors), do: {:bit_errors, 0.3 + 0.7 * :rand.uniform(), :rand.uniform(1_000_000)}

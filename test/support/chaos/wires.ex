@@ -9,6 +9,7 @@ defmodule BB.Test.Chaos.Wires do
   def break({:i2c, bus, address}, :unplug), do: Sim.unplug(bus, address)
   def break({:i2c, bus, address}, fault), do: Sim.fault(bus, address, fault)
   def break({:gpio, chip, device, _lines}, :unplug), do: Lines.unplug(chip, device)
+  def break({:gpio, chip, _device, [line | _]}, :cut_one), do: Lines.fault({chip, line}, :cut)
 
   def break({:gpio, chip, _device, lines}, fault),
     do: Enum.each(lines, &Lines.fault({chip, &1}, fault))
