@@ -13,7 +13,7 @@ defmodule BB.Test.Chaos.Plan do
       iex> plan |> Map.values() |> List.flatten() |> length()
       10
       iex> Map.keys(plan)
-      [{:gpio, "gpiochip0", :bumper, [17]}, {:i2c, "i2c-1"}]
+      [{:i2c, "i2c-1"}, {:gpio, "gpiochip0", :bumper, [17]}]
   """
 
   alias Ganglion.Robots.All.World
