@@ -73,13 +73,14 @@ defmodule BB.Sensor.Polled do
   @callback open(opts :: keyword()) :: {:ok, device()} | {:error, reason()}
 
   @doc """
-  A reading, `:none` when the device has no new one, or why there is none; `{:stop, reason}` for a reason after which it makes no sense to go
-  on. `now_ns` is the time of the robot's clock.
+  A reading, `:none` when the device has no new one, or why there is none, with the device where that has changed; `{:stop, reason}` for a reason
+  after which it makes no sense to go on. `now_ns` is the time of the robot's clock.
   """
   @callback measure(device(), now_ns :: integer()) ::
               {:ok, reading :: term(), device()}
               | {:none, device()}
               | {:error, reason()}
+              | {:error, reason(), device()}
               | {:stop, reason()}
 
   @doc "Publishes a reading."
@@ -171,6 +172,7 @@ defmodule BB.Sensor.Polled do
       {:ok, reading, device} -> measured(reading, succeeded(sensor, device))
       {:none, device} -> {:noreply, succeeded(sensor, device)}
       {:error, reason} -> failed(reason, sensor)
+      {:error, reason, device} -> failed(reason, %{sensor | device: device})
       {:stop, reason} -> {:stop, {:shutdown, reason}, sensor}
     end
   end
