@@ -77,8 +77,8 @@ defmodule BB.Sensor.Polled do
   @callback open(opts :: keyword()) :: {:ok, device()} | {:error, reason()}
 
   @doc """
-  A reading, `:none` when the device has no new one, or why there is none; `{:stop, reason}` for a reason after which it makes no sense to go
-  on. `now_ns` is the time of the robot's clock.
+  A reading, `:none` when the device has no new one, or why there is none, with the device where that has changed; `{:stop, reason}` for a reason
+  after which it makes no sense to go on. `now_ns` is the time of the robot's clock.
   """
   @callback measure(device(), now_ns :: integer()) ::
               {:ok, reading :: term(), device()}
