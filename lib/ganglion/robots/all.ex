@@ -8,6 +8,7 @@ defmodule Ganglion.Robots.All do
   | `:battery` | INA219 | `i2c-1`, 0x40 | 10 Hz |
   | `:motors` | INA219 | `i2c-2`, 0x41 | 10 Hz |
   | `:elbow` | AS5600 | `i2c-2`, 0x36 | 100 Hz |
+  | `:lidar` | TF-Luna | `i2c-2`, 0x10 | 50 Hz |
   | `:left_encoder`, `:right_encoder` | quadrature encoders | lines 5 and 6, 12 and 13 | 50 Hz each |
   | `:sonar` | HC-SR04 | lines 23 and 24 | 10 Hz |
   | `:bumper_left`, `:bumper_right` | contacts | lines 17, 22 | 10 Hz each |
@@ -25,7 +26,8 @@ defmodule Ganglion.Robots.All do
     HcSr04,
     Ina219,
     Mpu6050,
-    QuadratureEncoder
+    QuadratureEncoder,
+    TfLuna
   }
 
   settings do
@@ -44,6 +46,8 @@ defmodule Ganglion.Robots.All do
       sensor(:sonar, {HcSr04, trigger: {"gpiochip0", 23}, echo: {"gpiochip0", 24}},
         max_silence: ~u(500 millisecond)
       )
+
+      sensor(:lidar, {TfLuna, bus: "i2c-2"}, max_silence: ~u(200 millisecond))
 
       sensor(:bumper_left, {ContactSwitch, line: {"gpiochip0", 17}},
         max_silence: ~u(500 millisecond)

@@ -18,7 +18,8 @@ defmodule Ganglion.Robots.All.World do
     {:imu, "i2c-1", 0x68, {Sim.Mpu6050, source: :motion}},
     {:battery, "i2c-1", 0x40, {Sim.Ina219, source: [voltage: 11.1, current: 1.5]}},
     {:motors, "i2c-2", 0x41, {Sim.Ina219, source: [voltage: 11.0, current: 0.8]}},
-    {:elbow, "i2c-2", 0x36, {Sim.As5600, source: [angle: 0.7]}}
+    {:elbow, "i2c-2", 0x36, {Sim.As5600, source: [angle: 0.7]}},
+    {:lidar, "i2c-2", 0x10, {Sim.TfLuna, source: [distance: 2.5]}}
   ]
 
   @gpio [
