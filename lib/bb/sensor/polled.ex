@@ -90,6 +90,9 @@ defmodule BB.Sensor.Polled do
   @doc "Makes sure, after a failed reading, that the device still is as `c:open/1` left it. By default it is taken to be."
   @callback check(device()) :: :ok | {:error, reason()}
 
+  @doc "How often to measure, in Hz. By default it is the option `:rate`."
+  @callback pace(opts :: keyword()) :: number()
+
   @doc """
   The options of every such sensor, `:rate` and `:frame_id`, for a driver's schema: `rate:` the slowest and the fastest rate in Hz,
   `default:` that of who gives none.
@@ -135,7 +138,11 @@ defmodule BB.Sensor.Polled do
       @doc false
       def check(_device), do: :ok
 
+      @doc false
+      def pace(opts), do: opts[:rate]
+
       defoverridable rate: 1,
+                     pace: 1,
                      init: 1,
                      handle_options: 2,
                      handle_info: 2,
@@ -166,15 +173,24 @@ defmodule BB.Sensor.Polled do
     {_dt, _skipped, loop} = Loop.tick(sensor.loop)
     sensor = %{sensor | loop: loop}
 
-    case measure(sensor) do
-      {:ok, reading, device} -> measured(reading, succeeded(sensor, device))
-      {:none, device} -> {:noreply, succeeded(sensor, device)}
-      {:error, reason} -> failed(reason, sensor)
-      {:error, reason, device} -> failed(reason, %{sensor | device: device})
-    end
+    sensor |> measure() |> outcome(sensor)
   end
 
   def handle_info(_late, sensor), do: {:noreply, sensor}
+
+  @doc """
+  What follows from what `c:measure/2` gave, for a driver that also measures when its device tells it to: a return value for `handle_info/2`.
+  """
+  @spec outcome(outcome, t()) :: {:noreply, t()} | {:stop, {:shutdown, reason()}, t()}
+        when outcome:
+               {:ok, reading :: term(), device()}
+               | {:none, device()}
+               | {:error, reason()}
+               | {:error, reason(), device()}
+  def outcome({:ok, reading, device}, sensor), do: measured(reading, succeeded(sensor, device))
+  def outcome({:none, device}, sensor), do: {:noreply, succeeded(sensor, device)}
+  def outcome({:error, reason}, sensor), do: failed(reason, sensor)
+  def outcome({:error, reason, device}, sensor), do: failed(reason, %{sensor | device: device})
 
   @doc "What its `terminate/2` does: no tick comes any more, and the device is given back."
   @spec stop(t()) :: term()
@@ -191,7 +207,7 @@ defmodule BB.Sensor.Polled do
       bb: bb,
       frame_id: opts[:frame_id] || List.last(bb.path),
       device: device,
-      loop: bb |> Loop.new(clock: {:rate, opts[:rate]}) |> Loop.arm()
+      loop: bb |> Loop.new(clock: {:rate, module.pace(opts)}) |> Loop.arm()
     }
   end
 
