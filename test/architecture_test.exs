@@ -54,12 +54,14 @@ defmodule ArchitectureTest do
     bus: {~w(BB.Bus.*), [:clock]},
     simulation: {~w(BB.Bus.Sim.*), [:clock]},
     polled: {~w(BB.Sensor.Polled), ~w(sensor loop unit)a},
-    driver: {~w(BB.Sensor.*), ~w(sensor polled loop bus envelope payload math unit options)a},
+    driver:
+      {~w(BB.Sensor.*),
+       ~w(sensor polled clock loop bus safety envelope payload math unit options)a},
 
     # What all drivers are tested by. It has a robot, and breaks its wires.
     conformance:
       {~w(BB.Sensor.Conformance.*),
-       ~w(facade sensor simulation clock parameter pub_sub envelope payload unit options)a},
+       ~w(facade sensor bus simulation clock parameter pub_sub envelope payload unit options)a},
 
     # Outlets and inlets are sensors too, docs/decisions/0003.
     ring: {~w(BB.Ring.*), [:options]},

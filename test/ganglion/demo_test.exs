@@ -25,6 +25,8 @@ defmodule Ganglion.DemoTest do
             {~w(extra), ["extra", "--seconds N"]},
             {~w(--seconds 0), ["from 1 up", "got: 0"]},
             {~w(--seconds soon), ["whole number", "got: soon"]},
+            {~w(--robot none), ["ganglion or all", "got: none"]},
+            {~w(--robot all --imu walk.csv), ["--imu", "ganglion alone"]},
             {~w(--imu), ["--imu", "nothing"]},
             {~w(--imu missing.csv), [Path.join(dir, "missing.csv")]},
             {~w(--frames missing), [Path.join(dir, "missing")]}
@@ -89,6 +91,7 @@ defmodule Ganglion.DemoTest do
         observation: observation,
         health: health,
         carried: %{inlet: %{published: 1, lost: 0, malformed: 2}},
+        processor: 0.123,
         topic_of: &if(&1 == :camera, do: "camera"),
         seconds: 4.0,
         now: 4 * second,
@@ -118,6 +121,7 @@ defmodule Ganglion.DemoTest do
     test "of a robot that has published nothing is all zeros", %{view: view} do
       summary = Report.summary(%{view | observation: Observation.new([], 0), carried: %{}})
       assert %{state: :up, published: 0, hz: 0.0, restarts: 0} = summary.sensors.bumper
+      assert summary.cpu_percent == 12.3
       assert summary.vision == %{frames: 0, detections: 0, p50_us: nil, p99_us: nil}
       assert summary |> Ganglion.Json.encode() |> IO.iodata_to_binary() =~ ~s("p50_us":null)
     end
@@ -136,7 +140,7 @@ defmodule Ganglion.DemoTest do
 
     test "tells how it is used" do
       assert {text, 0} = System.cmd(@demo, ["--help"])
-      for option <- ~w(--seconds --imu --frames --json), do: assert(text =~ option)
+      for option <- ~w(--seconds --robot --imu --frames --json), do: assert(text =~ option)
     end
   end
 end

@@ -1,7 +1,7 @@
 defmodule BB.Sensor.Conformance do
   @moduledoc """
   The tests that every driver passes, in one line of its own test. A driver of yours can use them too: write a model of its chip
-  (`BB.Bus.Sim.Device`) and name both.
+  (`BB.Bus.Sim.Device`, or `BB.Bus.Sim.GPIO.Device` for what hangs on lines) and name both.
 
       defmodule MyRobot.ThermometerTest do
         use BB.Sensor.Conformance,
@@ -12,6 +12,14 @@ defmodule BB.Sensor.Conformance do
           new_options: [rate: 2]
       end
 
+      defmodule MyRobot.BumperTest do
+        use BB.Sensor.Conformance,
+          driver: {MyRobot.Bumper, &[line: {&1.chip, 17}]},
+          device: {BB.Bus.Sim.Contact, pins: [contact: 17]},
+          unseen: [:unplug, :cut, :short, :storm],
+          event: &BB.Bus.Sim.Lines.tell(&1.chip, &1.device, if(rem(&2, 2) == 1, do: :press, else: :release))
+      end
+
   It makes the module an asynchronous `ExUnit.Case`; further tests may stand in it. Each test has a robot, whose only sensor is the driver, and a simulated bus of its
   own. What is real is all but the chip: keeper, restarts, health, pubsub.
 
@@ -20,8 +28,9 @@ defmodule BB.Sensor.Conformance do
   | the driver | how |
   |---|---|
   | identifies its chip and refuses another | with `other_device` in its place it is down, says so in words, and publishes nothing; with its own it is up |
+  | starts without its device | it is down and says so in words, and up when the device is there; on GPIO it is another program that has its lines |
   | reports each fault once, and clears it | one status and one alarm for as long as the fault lasts, however often it is tried; one status, and no alarm, when it is over |
-  | never publishes an old reading as new | not a message between a fault's beginning and its end; the first one after that was measured after it |
+  | never publishes an old reading as new | not a message between a fault's beginning (on a line, which has a level all the same: its report) and its end; the first one after that was measured after it |
   | survives unplug and replug | the same for pulled wires: it is up again, and publishes |
   | honours `handle_options` | parameters change to `new_options`: the same process goes on, at its new rate |
   | keeps its rate | in a minute of stepped time (`BB.Clock.Stepped`) it publishes as often as its `rate/1` declares, to one in a thousand |
@@ -33,8 +42,8 @@ defmodule BB.Sensor.Conformance do
   ## Options
 
     * `:driver` - `{module, options}`: the options without those that say where the chip is, which are added: `bus:` and `address:`. Options that
-      cannot be written down stand in `{module, fun}`, where `fun` gets the place, `%{bus: name, address: address}` or `%{chip: name}`, and returns all of them.
-    * `:device` - `{model, options}`: its chip, a `BB.Bus.Sim.Device`
+      cannot be written down stand in `{module, fun}`, where `fun` gets the place, `%{bus: name, address: address}` or `%{chip: name, device: name}`, and returns all of them.
+    * `:device` - `{model, options}`: its chip, a `BB.Bus.Sim.Device`, or a `BB.Bus.Sim.GPIO.Device` with its `:pins`
     * `:address` - where it is; that of the driver's option `:address`, or its default, when not given
     * `:other_device` - `{model, options}`: one that the driver is to refuse. Without it nothing is refused, which is right only for chips that have no identity
     * `:new_options` - options to change while it runs, each a number, a boolean, a string or an atom
@@ -45,6 +54,7 @@ defmodule BB.Sensor.Conformance do
     * `:patience_ms` - how long to wait for what must come; default 15 s
 
   Faults on I2C: `:unplug`, `:nak` (the chip does not acknowledge), `:timeout` (it holds the bus each time), `:stuck` (a wire of the bus is held low).
+  On GPIO: `:unplug`, and of each of its lines `:cut`, `:short` (to ground) and `:storm` (noise of 2000 edges a second).
   """
 
   alias BB.Sensor.Conformance.{Checks, Setting}
@@ -52,6 +62,7 @@ defmodule BB.Sensor.Conformance do
   # A name, the check, and the option without which it makes no sense.
   @checks [
     {"it identifies its chip and refuses another", :identity, :other_device},
+    {"it starts without its device, says so, and is up when that is there", :absence, nil},
     {"it reports each fault once and clears it, and publishes nothing meanwhile", :faults, nil},
     {"it honours handle_options", :options, :new_options},
     {"it keeps its rate for a minute", :rate, nil},

@@ -9,11 +9,12 @@ defmodule Ganglion.Demo.Report do
   alias Ganglion.Console.Table
   alias Ganglion.Demo.{Counter, Latency, Observation}
 
-  @typedoc "All that a report is made of. `carried` are the counters of outlets and inlets; `topic_of` names a sensor's ring topic."
+  @typedoc "All that a report is made of. `carried` are the counters of outlets and inlets; `topic_of` names a sensor's ring topic, `processor` is the VM's share of a core."
   @type view :: %{
           observation: Observation.t(),
           health: [map()],
           carried: %{atom() => map()},
+          processor: float() | nil,
           topic_of: (atom() -> String.t() | nil),
           seconds: number(),
           now: integer(),
@@ -28,10 +29,8 @@ defmodule Ganglion.Demo.Report do
       row(["sensor", "state", "Hz", "of", "age", "restarts", "last value"]),
       Enum.map(view.health, &sensor_row(&1, view)),
       "\n",
-      topic_row(["topic", "state", "Hz", "count", "lost", "readers"]),
-      Enum.map(topics(view), &topic_row/1),
-      "\n",
-      vision_line(view),
+      ring_lines(view),
+      processor_line(view),
       if(view.log == [], do: [], else: ["\n", Enum.map(view.log, &[Table.cut(&1), "\n"])])
     ]
   end
@@ -47,7 +46,8 @@ defmodule Ganglion.Demo.Report do
         p50_us: Latency.quantile_us(observation.latency, 0.5),
         p99_us: Latency.quantile_us(observation.latency, 0.99)
       },
-      ring: %{lost: Observation.lost(observation), torn: torn(view)}
+      ring: %{lost: Observation.lost(observation), torn: torn(view)},
+      cpu_percent: view.processor && Float.round(view.processor * 100, 1)
     }
   end
 
@@ -59,13 +59,41 @@ defmodule Ganglion.Demo.Report do
     [
       "summary after #{Float.round(view.seconds / 1, 1)} s\n",
       for {name, sensor} <- Enum.sort(summary.sensors) do
-        "  #{pad(name, 15)} #{pad(sensor.state, 8)} #{sensor.published} published, #{sensor.hz} Hz, #{sensor.restarts} restarts\n"
+        "  #{pad(name, 15)} #{pad(sensor.state, 8)} #{sensor.published} published, #{rates(sensor)}, #{sensor.restarts} restarts\n"
       end,
+      if(ring?(view),
+        do: [
+          "  ",
+          vision_line(view),
+          "  ring: #{summary.ring.lost} lost, #{summary.ring.torn} torn\n"
+        ],
+        else: []
+      ),
       "  ",
-      vision_line(view),
-      "  ring: #{summary.ring.lost} lost, #{summary.ring.torn} torn\n"
+      processor_line(view)
     ]
   end
+
+  defp rates(%{declared_hz: nil, hz: hz}), do: "#{hz} Hz"
+  defp rates(%{declared_hz: declared_hz, hz: hz}), do: "#{hz} of #{declared_hz} Hz"
+
+  defp ring?(view), do: view.observation.topics != %{}
+
+  defp ring_lines(view) do
+    if ring?(view),
+      do: [
+        topic_row(["topic", "state", "Hz", "count", "lost", "readers"]),
+        Enum.map(topics(view), &topic_row/1),
+        "\n",
+        vision_line(view)
+      ],
+      else: []
+  end
+
+  defp processor_line(%{processor: nil}), do: ""
+
+  defp processor_line(%{processor: share}),
+    do: "the BEAM uses #{Float.round(share * 100, 1)} % of one core, simulation included\n"
 
   defp sensor_summary(sensor, view) do
     {published, hz} =

@@ -133,6 +133,50 @@ defmodule BB.Sensor.ConformanceTest do
     other_device: {Chip, id: 8},
     new_options: [rate: 20]
 
+  # A driver of a line, that publishes each edge.
+  defmodule Edges do
+    use BB.Sensor, options_schema: [line: [type: :any, required: true]]
+
+    @impl BB.Sensor
+    def explain({:cannot_be_opened, line, reason}),
+      do: "the line #{inspect(line)} cannot be opened: #{reason}"
+
+    @impl BB.Sensor
+    def init(opts) do
+      gpio = BB.Bus.GPIO.module(nil)
+
+      with {:ok, line} <- gpio.open(opts[:line], :input, pull_mode: :pullup, on_busy: :take_over),
+           :ok <- gpio.set_interrupts(line, :both) do
+        {:ok, %{bb: opts[:bb], gpio: gpio, line: line}}
+      else
+        {:error, reason} -> {:stop, {:cannot_be_opened, opts[:line], reason}}
+      end
+    end
+
+    @impl BB.Sensor
+    def handle_info({:circuits_gpio, _line, _time, level}, sensor) do
+      message = BB.Message.new!(BB.Message.Sensor.Contact, :edges, pressed: level == 0)
+      BB.Sensor.publish(sensor.bb, message)
+      {:noreply, sensor}
+    end
+
+    @impl BB.Sensor
+    def terminate(_reason, sensor), do: sensor.gpio.close(sensor.line)
+  end
+
+  defmodule OnALineTest do
+    use Conformance,
+      driver: {Edges, &[line: {&1.chip, 17}]},
+      device: {BB.Bus.Sim.Contact, pins: [contact: 17]},
+      unseen: [:unplug, :cut, :short, :storm],
+      event:
+        &BB.Bus.Sim.Lines.tell(
+          &1.chip,
+          &1.device,
+          if(rem(&2, 2) == 1, do: :press, else: :release)
+        )
+  end
+
   defp sinner(sin, opts \\ []) do
     Setting.new!(
       [

@@ -6,21 +6,31 @@ defmodule BB.Sensor.Conformance.Bench do
   alias BB.Clock.Stepped
   alias BB.Sensor.Conformance.{Failure, Setting}
 
-  @enforce_keys [:robot, :place, :setting, :stepped?]
-  defstruct [:robot, :place, :setting, :stepped?]
+  @enforce_keys [:robot, :place, :setting, :stepped?, :events]
+  defstruct @enforce_keys
 
-  @type t :: %__MODULE__{robot: module(), place: map(), setting: Setting.t(), stepped?: boolean()}
+  @type t :: %__MODULE__{
+          robot: module(),
+          place: map(),
+          setting: Setting.t(),
+          stepped?: boolean(),
+          events: :counters.counters_ref()
+        }
 
   @subject :subject
   @look_ms 2
+  @event_ns 500_000_000
 
   @doc """
   Runs `fun` with a bench, and takes that down afterwards. With `stepped?: true` the robot's time and the chip's go by `pass/2`.
 
-  `device:` is what is plugged in at first, the driver's own when not given.
+  `device:` is what is plugged in at first, the driver's own when not given; `broken:` a fault that there is before the robot starts.
   """
-  @spec on(Setting.t(), [stepped?: boolean(), device: Setting.device()], (t() -> result)) ::
-          result
+  @spec on(
+          Setting.t(),
+          [stepped?: boolean(), device: Setting.device(), broken: atom()],
+          (t() -> result)
+        ) :: result
         when result: term()
   def on(setting, opts \\ [], fun) do
     unique = System.unique_integer([:positive])
@@ -29,12 +39,19 @@ defmodule BB.Sensor.Conformance.Bench do
     clock = if stepped?, do: start_clock(robot)
     plugged = %{setting | device: opts[:device] || setting.device}
     {wires, place} = setting.wires.start(plugged, "conformance-#{unique}", BB.Clock.of(robot))
+    _ = if opts[:broken], do: setting.wires.break(place, opts[:broken])
     declare(robot, setting, place)
     {:ok, root} = robot.start_link()
     watch(robot)
 
     try do
-      fun.(%__MODULE__{robot: robot, place: place, setting: setting, stepped?: stepped?})
+      fun.(%__MODULE__{
+        robot: robot,
+        place: place,
+        setting: setting,
+        stepped?: stepped?,
+        events: :counters.new(1, [])
+      })
     after
       for pid <- [root, wires, clock], is_pid(pid), do: stop(pid)
       forget(robot)
@@ -209,11 +226,35 @@ defmodule BB.Sensor.Conformance.Bench do
   @spec await_down(t(), String.t()) :: map()
   def await_down(bench, why), do: await(bench, why, &(&1.state not in [:up, :starting]))
 
-  @doc "Waits for its next message."
+  @doc "Waits for a message. Where it takes an event to have one, they are made to happen until there is."
   @spec await_message(t()) :: BB.Message.t()
+  def await_message(%{setting: %{event: nil}} = bench), do: await_message(bench, fn -> nil end)
+
   def await_message(bench) do
-    _ = if bench.setting.event, do: bench.setting.event.(bench.place, 1)
-    await(bench, "publishes", fn -> List.first(messages(bench)) end)
+    last = :counters.new(1, [])
+
+    await_message(bench, fn ->
+      now_ns = System.monotonic_time(:nanosecond)
+
+      if :counters.get(last, 1) == 0 or now_ns - :counters.get(last, 1) > @event_ns do
+        :counters.put(last, 1, now_ns)
+        happen(bench)
+      end
+    end)
+  end
+
+  defp await_message(bench, happen) do
+    await(bench, "publishes", fn ->
+      happen.()
+      List.first(messages(bench))
+    end)
+  end
+
+  @doc "Makes the next event happen."
+  @spec happen(t()) :: term()
+  def happen(bench) do
+    :counters.add(bench.events, 1, 1)
+    bench.setting.event.(bench.place, :counters.get(bench.events, 1))
   end
 
   @doc """

@@ -25,6 +25,22 @@ defmodule BB.Sensor.Conformance.Checks do
     end)
   end
 
+  @doc "Without its device, or its bus, from the start on it is down, and says why; it is up when that is there."
+  @spec absence(Setting.t()) :: :ok
+  def absence(setting) do
+    absence = setting.wires.absence()
+
+    Bench.on(setting, [broken: absence], fn bench ->
+      row = Bench.await_down(bench, "says that its device is absent")
+      explained!(bench, row, "its absence")
+      tried_again(bench, row)
+      _ = Bench.mend(bench, absence)
+      Bench.await_up(bench)
+      _ = Bench.await_message(bench)
+      :ok
+    end)
+  end
+
   @doc "Each fault is one status, one alarm and no message for as long as it lasts; then it is up and publishes anew."
   @spec faults(Setting.t()) :: :ok
   def faults(setting) do
@@ -43,6 +59,7 @@ defmodule BB.Sensor.Conformance.Checks do
     pid = Bench.pid!(bench)
     Bench.break(bench, fault)
     _ = Bench.mend(bench, fault)
+    _ = Bench.messages(bench)
     _ = Bench.await_message(bench)
     kept!(Bench.row(bench).pid == pid, "#{fault}, which it cannot see, ended its process")
   end
@@ -50,6 +67,8 @@ defmodule BB.Sensor.Conformance.Checks do
   defp report(bench, fault) do
     Bench.break(bench, fault)
     row = Bench.await_down(bench, "reports #{fault}")
+    # What a line shows is what is there, until it turns out to be a fault.
+    _ = if fault in bench.setting.wires.deceptive(), do: Bench.messages(bench)
     explained!(bench, row, fault)
     tried_again(bench, row)
     one!(Bench.statuses(bench), "reports of #{fault}")
@@ -111,14 +130,14 @@ defmodule BB.Sensor.Conformance.Checks do
     end)
   end
 
-  defp pace(%{setting: %{event: nil}} = bench, seconds) do
-    declared_hz = Bench.row(bench).declared_hz
+  defp pace(bench, seconds) do
+    case Bench.row(bench).declared_hz do
+      nil -> answer_events(bench, seconds)
+      declared_hz -> keep_rate(bench, declared_hz, seconds)
+    end
+  end
 
-    kept!(
-      is_number(declared_hz),
-      "it declares no rate: write rate/1, or give event: for a driver that waits for something to happen"
-    )
-
+  defp keep_rate(bench, declared_hz, seconds) do
     before = Bench.published(bench)
     Bench.pass(bench, seconds * @second_ns)
     count = Bench.published(bench) - before
@@ -130,17 +149,21 @@ defmodule BB.Sensor.Conformance.Checks do
     )
   end
 
-  # The first event was that of the message before.
-  defp pace(bench, seconds) do
+  defp answer_events(bench, seconds) do
+    kept!(
+      bench.setting.event != nil,
+      "it declares no rate: write rate/1, or give event: for a driver that waits for something to happen"
+    )
+
     before = Bench.published(bench)
 
-    for n <- 2..@events do
-      bench.setting.event.(bench.place, n)
+    for _ <- 1..@events do
+      Bench.happen(bench)
       Bench.pass(bench, div(seconds * @second_ns, @events))
     end
 
     count = Bench.published(bench) - before
-    kept!(count == @events - 1, "of #{@events - 1} events it published #{count}")
+    kept!(count == @events, "of #{@events} events it published #{count}")
   end
 
   @doc "When it was killed it opens its bus again; when it was stopped nobody has it open."
@@ -172,7 +195,7 @@ defmodule BB.Sensor.Conformance.Checks do
     Bench.on(setting, fn bench ->
       Bench.await_up(bench)
       monitor = Process.monitor(Bench.pid!(bench))
-      :ok = setting.wires.break(bench.place, stuck(setting))
+      :ok = setting.wires.break(bench.place, setting.wires.stuck())
       Supervisor.stop(bench.robot)
 
       receive do
@@ -181,8 +204,6 @@ defmodule BB.Sensor.Conformance.Checks do
       end
     end)
   end
-
-  defp stuck(setting), do: if(:stuck in setting.wires.faults(), do: :stuck, else: :unplug)
 
   # Judging
 

@@ -9,6 +9,15 @@ defmodule BB.Sensor.Conformance.I2C do
   def faults, do: [:unplug, :nak, :timeout, :stuck]
 
   @impl true
+  def absence, do: :unplug
+
+  @impl true
+  def stuck, do: :stuck
+
+  @impl true
+  def deceptive, do: []
+
+  @impl true
   def start(setting, name, clock) do
     place = %{bus: name, address: setting.address}
 
@@ -40,5 +49,6 @@ defmodule BB.Sensor.Conformance.I2C do
   def mend(place, _fault), do: Sim.clear(place.bus, place.address)
 
   @impl true
-  def free?(_place), do: true
+  def free?(place),
+    do: not Enum.any?(BB.Bus.I2C.health(), &(&1.bus == place.bus and &1.handles > 0))
 end

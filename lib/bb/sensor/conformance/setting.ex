@@ -3,7 +3,7 @@ defmodule BB.Sensor.Conformance.Setting do
   A driver and what it is tried on: the options of `use BB.Sensor.Conformance`, checked.
   """
 
-  alias BB.Sensor.Conformance.I2C
+  alias BB.Sensor.Conformance.{GPIO, I2C}
 
   @enforce_keys [:driver, :options, :wires, :device, :faults]
   defstruct [
@@ -54,9 +54,9 @@ defmodule BB.Sensor.Conformance.Setting do
     opts = Keyword.validate!(opts, @accepted)
     {driver, options} = pair!(opts, :driver)
     device = pair!(opts, :device)
-    wires = I2C
+    wires = wires(device)
     faults = opts[:faults] || wires.faults()
-    known!(faults ++ (opts[:unseen] || []), wires.faults())
+    known!(Enum.uniq(faults ++ (opts[:unseen] || [])), wires.faults())
 
     %__MODULE__{
       driver: driver,
@@ -79,6 +79,9 @@ defmodule BB.Sensor.Conformance.Setting do
     given = if is_list(options), do: options, else: []
     Keyword.get_lazy(given, key, fn -> default(driver, key) end)
   end
+
+  # A device on lines has pins.
+  defp wires({model, _options}), do: if(function_exported?(model, :pins, 0), do: GPIO, else: I2C)
 
   defp address(driver, options), do: option(driver, options, :address)
 

@@ -7,6 +7,15 @@ defmodule BB.Sensor.Conformance.Wires do
   @doc "The faults that there are."
   @callback faults() :: [atom()]
 
+  @doc "The fault with which its bus cannot be opened, or nothing answers there, from the start on."
+  @callback absence() :: atom()
+
+  @doc "The fault with which it is to stop all the same."
+  @callback stuck() :: atom()
+
+  @doc "Faults that look like readings until they are noticed."
+  @callback deceptive() :: [atom()]
+
   @doc "Starts what is simulated, linked to the caller, under a name that is free."
   @callback start(BB.Sensor.Conformance.Setting.t(), String.t(), BB.Clock.t()) :: {pid(), place()}
 

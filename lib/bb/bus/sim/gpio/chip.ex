@@ -46,6 +46,8 @@ defmodule BB.Bus.Sim.GPIO.Chip do
 
   @impl GenServer
   def init({name, opts}) do
+    # Hardware does not queue behind what the robot computes.
+    Process.flag(:priority, :high)
     check_options!(opts)
     clock = opts[:clock] || :real
 
