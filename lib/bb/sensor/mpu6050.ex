@@ -159,12 +159,7 @@ defmodule BB.Sensor.Mpu6050 do
   @impl BB.Sensor
   def handle_info({:circuits_gpio, _spec, edge_ns, _level}, %{device: %DataReady{}} = sensor) do
     device = DataReady.heard(sensor.device, edge_ns)
-    sensor = %{sensor | device: device}
-
-    case DataReady.read(device) do
-      {:lost, reason} -> {:stop, {:shutdown, reason}, sensor}
-      outcome -> Polled.outcome(outcome, sensor)
-    end
+    device |> DataReady.read() |> Polled.outcome(%{sensor | device: device})
   end
 
   def handle_info(message, sensor), do: Polled.handle_info(message, sensor)

@@ -37,7 +37,7 @@ defmodule BB.Sensor.Polled do
   A reading is published when it was made, or not at all. After three failed readings in a row the sensor stops with the last one's reason, and
   is started again as its robot's supervision says. What answers after a failed reading may be a device that was plugged in anew:
   `c:check/1` is called before the next one. A reason of the kind `:restarted` (`t:BB.Bus.I2C.Device.reason/0`) stops the sensor at once, so
-  that the device is set up again.
+  that the device is set up again, and so does `{:stop, reason}` from `c:measure/2`.
 
   What keeps a device from measuring at all belongs into `c:open/1` too: a sensor that opens well and then fails goes up and down for
   as long as the fault lasts, instead of staying down with one reason.
@@ -73,13 +73,15 @@ defmodule BB.Sensor.Polled do
   @callback open(opts :: keyword()) :: {:ok, device()} | {:error, reason()}
 
   @doc """
-  A reading, `:none` when the device has no new one, or why there is none. `now_ns` is the time of the robot's clock.
+  A reading, `:none` when the device has no new one, or why there is none, with the device where that has changed; `{:stop, reason}` for a reason
+  after which it makes no sense to go on. `now_ns` is the time of the robot's clock.
   """
   @callback measure(device(), now_ns :: integer()) ::
               {:ok, reading :: term(), device()}
               | {:none, device()}
               | {:error, reason()}
               | {:error, reason(), device()}
+              | {:stop, reason()}
 
   @doc "Publishes a reading."
   @callback publish(reading :: term(), sensor :: t()) :: :ok
@@ -181,16 +183,19 @@ defmodule BB.Sensor.Polled do
   @doc """
   What follows from what `c:measure/2` gave, for a driver that also measures when its device tells it to: a return value for `handle_info/2`.
   """
-  @spec outcome(outcome, t()) :: {:noreply, t()} | {:stop, {:shutdown, reason()}, t()}
-        when outcome:
-               {:ok, reading :: term(), device()}
-               | {:none, device()}
-               | {:error, reason()}
-               | {:error, reason(), device()}
+  @spec outcome(
+          {:ok, reading :: term(), device()}
+          | {:none, device()}
+          | {:error, reason()}
+          | {:error, reason(), device()}
+          | {:stop, reason()},
+          t()
+        ) :: {:noreply, t()} | {:stop, {:shutdown, reason()}, t()}
   def outcome({:ok, reading, device}, sensor), do: measured(reading, succeeded(sensor, device))
   def outcome({:none, device}, sensor), do: {:noreply, succeeded(sensor, device)}
   def outcome({:error, reason}, sensor), do: failed(reason, sensor)
   def outcome({:error, reason, device}, sensor), do: failed(reason, %{sensor | device: device})
+  def outcome({:stop, reason}, sensor), do: {:stop, {:shutdown, reason}, sensor}
 
   @doc "What its `terminate/2` does: no tick comes any more, and the device is given back."
   @spec stop(t()) :: term()

@@ -113,12 +113,12 @@ defmodule BB.Sensor.Mpu6050.DataReady do
     end
   end
 
-  @doc "The samples whose edges were heard, each with its time. `:lost` is an error after which nobody knows any more which edge is whose."
+  @doc "The samples whose edges were heard, each with its time. `:stop` is an error after which nobody knows any more which edge is whose."
   @spec read(t()) ::
           {:ok, [{integer(), Registers.reading()}], t()}
           | {:none, t()}
           | {:error, reason()}
-          | {:lost, reason()}
+          | {:stop, reason()}
   def read(%{fifo?: false} = device) do
     with {:ok, reading, new?} <- Chip.sample(device.chip) do
       {time_ns, stamps} = Stamps.last(device.stamps)
@@ -130,12 +130,12 @@ defmodule BB.Sensor.Mpu6050.DataReady do
   def read(device) do
     case Chip.fifo_count(device.chip) do
       {:ok, count} -> device.stamps |> Stamps.pair(count) |> paired(device)
-      {:error, {:overflow, _bus, _address} = reason} -> {:lost, reason}
+      {:error, {:overflow, _bus, _address} = reason} -> {:stop, reason}
       {:error, reason} -> {:error, reason}
     end
   end
 
-  defp paired(:noise, device), do: {:lost, {:noise, device.line.spec}}
+  defp paired(:noise, device), do: {:stop, {:noise, device.line.spec}}
   defp paired({:ok, [], stamps}, device), do: {:none, %{device | stamps: stamps}}
   defp paired({:ok, times, stamps}, device), do: take(%{device | stamps: stamps}, times)
 
