@@ -96,6 +96,9 @@ defmodule BB.Sensor.Polled do
   @doc "Makes sure, after a failed reading and each #{@check_ms} ms, that the device still is as `c:open/1` left it. By default it is taken to be."
   @callback check(device()) :: :ok | {:error, reason()}
 
+  @doc "How often to measure, in Hz. By default it is the option `:rate`."
+  @callback pace(opts :: keyword()) :: number()
+
   @doc """
   The options of every such sensor, `:rate` and `:frame_id`, for a driver's schema: `rate:` the slowest and the fastest rate in Hz,
   `default:` that of who gives none.
@@ -141,7 +144,11 @@ defmodule BB.Sensor.Polled do
       @doc false
       def check(_device), do: :ok
 
+      @doc false
+      def pace(opts), do: opts[:rate]
+
       defoverridable rate: 1,
+                     pace: 1,
                      init: 1,
                      handle_options: 2,
                      handle_info: 2,
@@ -172,16 +179,27 @@ defmodule BB.Sensor.Polled do
     {_dt, _skipped, loop} = Loop.tick(sensor.loop)
     {result, sensor} = measure(%{sensor | loop: loop})
 
-    case result do
-      {:ok, reading, device} -> measured(reading, succeeded(sensor, device))
-      {:none, device} -> {:noreply, succeeded(sensor, device)}
-      {:error, reason} -> failed(reason, sensor)
-      {:error, reason, device} -> failed(reason, %{sensor | device: device})
-      {:stop, reason} -> {:stop, {:shutdown, reason}, sensor}
-    end
+    outcome(result, sensor)
   end
 
   def handle_info(_late, sensor), do: {:noreply, sensor}
+
+  @doc """
+  What follows from what `c:measure/2` gave, for a driver that also measures when its device tells it to: a return value for `handle_info/2`.
+  """
+  @spec outcome(
+          {:ok, reading :: term(), device()}
+          | {:none, device()}
+          | {:error, reason()}
+          | {:error, reason(), device()}
+          | {:stop, reason()},
+          t()
+        ) :: {:noreply, t()} | {:stop, {:shutdown, reason()}, t()}
+  def outcome({:ok, reading, device}, sensor), do: measured(reading, succeeded(sensor, device))
+  def outcome({:none, device}, sensor), do: {:noreply, succeeded(sensor, device)}
+  def outcome({:error, reason}, sensor), do: failed(reason, sensor)
+  def outcome({:error, reason, device}, sensor), do: failed(reason, %{sensor | device: device})
+  def outcome({:stop, reason}, sensor), do: {:stop, {:shutdown, reason}, sensor}
 
   @doc "What its `terminate/2` does: no tick comes any more, and the device is given back."
   @spec stop(t()) :: term()
@@ -198,7 +216,7 @@ defmodule BB.Sensor.Polled do
       bb: bb,
       frame_id: opts[:frame_id] || List.last(bb.path),
       device: device,
-      loop: bb |> Loop.new(clock: {:rate, opts[:rate]}) |> Loop.arm()
+      loop: bb |> Loop.new(clock: {:rate, module.pace(opts)}) |> Loop.arm()
     }
   end
 

@@ -74,7 +74,7 @@ defmodule BB.Sensor.TfLunaTest do
 
   describe "a measurement" do
     test "is published once, however often it is asked for" do
-      {name, clock} = frozen({Sim.TfLuna, source: [distance: 2.0], reboot_ms: 0})
+      {name, clock} = frozen({Sim.TfLuna, source: [distance: 2.0]})
 
       {:ok, chip} =
         TfLuna.open(
@@ -102,7 +102,7 @@ defmodule BB.Sensor.TfLunaTest do
     end
 
     test "is not what the chip shows before its first one" do
-      {name, clock} = frozen({Sim.TfLuna, reboot_ms: 0})
+      {name, clock} = frozen({Sim.TfLuna, []})
       :counters.put(clock, 1, 10_000_000)
       {:ok, chip} = open(name)
       assert chip.tick == 10
@@ -113,7 +113,7 @@ defmodule BB.Sensor.TfLunaTest do
     end
 
     test "that was ordered has the time of its order" do
-      {name, clock} = frozen({Sim.TfLuna, source: [distance: 2.0], reboot_ms: 0})
+      {name, clock} = frozen({Sim.TfLuna, source: [distance: 2.0]})
 
       {:ok, chip} =
         TfLuna.open(
@@ -138,6 +138,7 @@ defmodule BB.Sensor.TfLunaTest do
   end
 
   describe "the chip" do
+    @tag device: [reboot_ms: 120]
     test "is made to measure faster than it is read, and keeps that", %{bench: bench} do
       Bench.start!(bench, rate: BB.Unit.new!(0.1, :kilohertz))
       Bench.reading()
@@ -147,7 +148,7 @@ defmodule BB.Sensor.TfLunaTest do
 
     # A restart loses the time since the last one.
     test "is not restarted when its settings are right" do
-      {name, clock} = frozen({Sim.TfLuna, reboot_ms: 0})
+      {name, clock} = frozen({Sim.TfLuna, []})
       :counters.put(clock, 1, 30_000_000)
 
       {:ok, chip} =

@@ -92,7 +92,10 @@ defmodule BB.Test.Chaos.Sensors do
     show("not recovered within a second", late, &told(&1, start_ns))
 
     show("gaps of siblings", gaps, fn {sensor, from, to} ->
-      "#{sensor}: #{ms(to - from)} ms, from #{ms(from - start_ns)} ms on"
+      meanwhile = Verdict.meanwhile(records, All.World.places()[sensor], from, to)
+
+      "#{sensor}: #{ms(to - from)} ms, from #{ms(from - start_ns)} ms on, while " <>
+        Enum.map_join(meanwhile, "; ", &told(&1, start_ns))
     end)
 
     slowest = records |> Enum.filter(& &1.up_ns) |> Enum.sort_by(&(&1.ended_ns - &1.up_ns))

@@ -50,12 +50,17 @@ defmodule BB.Test.Chaos.Verdict do
   defp shared_ns(nil, _from, _to, _records), do: 0
 
   defp shared_ns(place, from, to, records) do
-    for record <- records,
-        Plan.lane(record.strike.place) == Plan.lane(place),
-        record.began_ns < to and record.ended_ns > from,
-        reduce: 0 do
+    for record <- meanwhile(records, place, from, to), reduce: 0 do
       ns -> ns + Wires.holds_ms(record.strike.fault) * @ns_per_ms
     end
+  end
+
+  @doc "The strikes on the same wires in the meantime."
+  def meanwhile(records, place, from, to) do
+    Enum.filter(records, fn record ->
+      Plan.lane(record.strike.place) == Plan.lane(place) and
+        record.began_ns < to and record.ended_ns > from
+    end)
   end
 
   @doc """

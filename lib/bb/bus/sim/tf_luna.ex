@@ -7,7 +7,7 @@ defmodule BB.Bus.Sim.TfLuna do
   ## Options
   - `:source`: what is before it, see `BB.Bus.Sim.Source`: `distance` in m (default 1.0), `signal`, the strength of what comes back (1000),
     below 100 for nothing and 65_535 for too much, and `temperature` in °C (25.0);
-  - `:reboot_ms`: how long a restart takes; default 20;
+  - `:reboot_ms`: how long a restart takes, in which it does not answer, by the bus's clock; default 0;
   - `:signature`: default `"LUNA"`. Something else makes it another chip.
 
   ## What is modelled
@@ -61,7 +61,7 @@ defmodule BB.Bus.Sim.TfLuna do
 
   @impl true
   def init(opts, now_ns) do
-    opts = Keyword.validate!(opts, source: [], reboot_ms: 20, signature: "LUNA")
+    opts = Keyword.validate!(opts, source: [], reboot_ms: 0, signature: "LUNA")
 
     chip = %__MODULE__{
       source: Source.new(opts[:source], %{distance: 1.0, signal: 1000, temperature: 25.0}),

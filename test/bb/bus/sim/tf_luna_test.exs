@@ -43,7 +43,7 @@ defmodule BB.Bus.Sim.TfLunaTest do
   end
 
   test "a rate takes effect with a restart after it was saved, during which nobody answers" do
-    chip = chip() |> write(<<0x26, 0xFA, 0x00>>, 0)
+    chip = chip(reboot_ms: 20) |> write(<<0x26, 0xFA, 0x00>>, 0)
     assert {<<0xFA, 0x00>>, chip} = read(chip, 0x26, 2, 0)
     assert {<<0::16>>, chip} = read(chip, 6, 2, 4 * @ms)
 
@@ -56,11 +56,11 @@ defmodule BB.Bus.Sim.TfLunaTest do
 
   test "what was not saved is lost with a restart" do
     chip = chip() |> write(<<0x26, 0xFA>>, 0) |> write(<<0x21, 2>>, 0)
-    assert {<<100>>, _chip} = read(chip, 0x26, 1, 20 * @ms)
+    assert {<<100>>, _chip} = read(chip, 0x26, 1, 0)
   end
 
   test "triggered, it measures once, 2 ms later" do
-    chip = chip(reboot_ms: 0) |> write(<<0x23, 1>>, 0) |> write(<<0x20, 1, 2>>, 0)
+    chip = chip() |> write(<<0x23, 1>>, 0) |> write(<<0x20, 1, 2>>, 0)
     assert {<<0::16>>, chip} = read(chip, 6, 2, 50 * @ms)
     chip = write(chip, <<0x24, 1>>, 50 * @ms)
     assert {<<0::16>>, chip} = read(chip, 6, 2, 51 * @ms)
