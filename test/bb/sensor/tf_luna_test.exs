@@ -225,25 +225,22 @@ defmodule BB.Sensor.TfLunaTest do
 
     test "a pulled wire ends it after three readings, and nothing is published", %{bench: bench} do
       pid = Bench.start!(bench)
-      Bench.reading()
-      Bench.between_readings(pid, fn -> :ok = Sim.unplug(bench.bus, 0x10) end)
-      assert Bench.reason_of_end(pid) == {:shutdown, {:no_answer, bench.bus, 0x10}}
-      refute_received {:bb, _, _}
+
+      assert Bench.reason_after(pid, fn -> :ok = Sim.unplug(bench.bus, 0x10) end) ==
+               {:shutdown, {:no_answer, bench.bus, 0x10}}
     end
 
     test "another chip's settings after a failure end it, so that it is set up again", %{
       bench: bench
     } do
       pid = Bench.start!(bench, rate: 10)
-      Bench.reading()
 
-      Bench.between_readings(pid, fn ->
+      fault = fn ->
         Bench.cut_power(bench, 0x10)
         :ok = Sim.fault(bench.bus, 0x10, {:nak, 1})
-      end)
+      end
 
-      assert Bench.reason_of_end(pid) == {:shutdown, {:restarted, bench.bus, 0x10}}
-      refute_received {:bb, _, _}
+      assert Bench.reason_after(pid, fault) == {:shutdown, {:restarted, bench.bus, 0x10}}
     end
 
     test "a moment without power brings no old measurement", %{bench: bench} do
