@@ -4,6 +4,7 @@ defmodule Ganglion.Demo.Report do
   """
 
   alias BB.Message.Sensor.{Contact, Imu, JointState, PowerState, Range}
+  alias BB.Message.System.Status
   alias BB.Message.Vision.TagDetections
   alias BB.Math.Vec3
   alias Ganglion.Console.Table
@@ -163,6 +164,9 @@ defmodule Ganglion.Demo.Report do
 
   defp describe(%PowerState{voltage: voltage, current: current}),
     do: "#{decimal(voltage)} V, #{decimal(current)} A"
+
+  defp describe(%Status{load_1_min: load, memory_available: bytes}),
+    do: "load #{decimal(load)}, #{div(bytes, 1_000_000)} MB free"
 
   defp describe(%Range{range: :infinity}), do: "nothing in reach"
   defp describe(%Range{range: range}), do: "#{decimal(range)} m"

@@ -13,6 +13,7 @@ defmodule Ganglion.Robots.All do
   | `:sonar` | HC-SR04 | lines 23 and 24 | 10 Hz |
   | `:bumper_left`, `:bumper_right` | contacts | lines 17, 22 | 10 Hz each |
   | `:estop` | emergency stop, normally closed | line 27 | 50 Hz |
+  | `:board` | the computer: load, memory, temperature | the kernel's files | 1 Hz |
 
   What they are wired to is `Ganglion.Robots.All.World`.
   """
@@ -36,6 +37,7 @@ defmodule Ganglion.Robots.All do
 
   sensors do
     sensor(:battery, {Ina219, bus: "i2c-1"}, max_silence: ~u(500 millisecond))
+    sensor(:board, BB.Sensor.System, max_silence: ~u(5 second))
     sensor(:motors, {Ina219, bus: "i2c-2", address: 0x41}, max_silence: ~u(500 millisecond))
   end
 
