@@ -1,6 +1,6 @@
 defmodule BB.Test.Chaos.Intervals do
   @moduledoc """
-  Listens to all sensors of a robot and notes the longest intervals between two messages of one; and when the VM itself stood still.
+  Listens to all sensors of a robot and notes the longest intervals between two messages of one; and when the VM itself stood still, or one of its schedulers.
   """
 
   use GenServer
@@ -18,8 +18,7 @@ defmodule BB.Test.Chaos.Intervals do
   def init({robot, worth_ns}) do
     Process.flag(:priority, :high)
     {:ok, _} = BB.subscribe(robot, [:sensor])
-    standstill = spawn_link(fn -> watch(System.monotonic_time(:nanosecond), []) end)
-    {:ok, %{worth_ns: worth_ns, last: %{}, intervals: %{}, standstill: standstill}}
+    {:ok, %{worth_ns: worth_ns, last: %{}, intervals: %{}, watchers: watchers()}}
   end
 
   @impl GenServer
@@ -33,10 +32,24 @@ defmodule BB.Test.Chaos.Intervals do
 
   @impl GenServer
   def handle_call(:report, _from, state) do
-    send(state.standstill, {:report, self()})
+    {:reply, {state.intervals, Enum.flat_map(state.watchers, &standstills/1)}, state}
+  end
+
+  # The kernel may take one scheduler's thread away while the others run on, with all the processes that wait for it.
+  defp watchers do
+    for scheduler <- 1..System.schedulers_online() do
+      :erlang.spawn_opt(fn -> watch(System.monotonic_time(:nanosecond), []) end, [
+        :link,
+        scheduler: scheduler
+      ])
+    end
+  end
+
+  defp standstills(watcher) do
+    send(watcher, {:report, self()})
 
     receive do
-      {:standstills, standstills} -> {:reply, {state.intervals, standstills}, state}
+      {:standstills, standstills} -> standstills
     end
   end
 

@@ -64,11 +64,20 @@ defmodule BB.Test.Chaos.Verdict do
   end
 
   @doc """
-  For how long of from..to the VM stood still.
+  For how long of from..to the VM stood still, or one of its schedulers.
 
-      iex> BB.Test.Chaos.Verdict.overlap([{10, 20}, {30, 40}], 15, 35)
+      iex> BB.Test.Chaos.Verdict.overlap([{30, 40}, {10, 20}, {15, 18}], 15, 35)
       10
   """
-  def overlap(standstills, from, to),
-    do: Enum.sum(for {a, b} <- standstills, do: max(min(b, to) - max(a, from), 0))
+  def overlap(standstills, from, to) do
+    {ns, _until} =
+      standstills
+      |> Enum.map(fn {a, b} -> {max(a, from), min(b, to)} end)
+      |> Enum.sort()
+      |> Enum.reduce({0, from}, fn {a, b}, {ns, until} ->
+        {ns + max(b - max(a, until), 0), max(b, until)}
+      end)
+
+    ns
+  end
 end

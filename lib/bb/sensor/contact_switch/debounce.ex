@@ -24,8 +24,9 @@ defmodule BB.Sensor.ContactSwitch.Debounce do
           unrest: non_neg_integer()
         }
 
-  # So many waits, one after the other, are no hand.
+  # So many waits are no hand, even where a busy machine has let one or the other of them look quiet.
   @most_unrest 50
+  @quiet 5
 
   @doc "A contact at rest."
   @spec new(non_neg_integer(), 0 | 1) :: t()
@@ -33,7 +34,7 @@ defmodule BB.Sensor.ContactSwitch.Debounce do
 
   @doc """
   An edge: `{:wait, until_ns, debounce}` for when to look, `{:same, debounce}` while that is still to come, or `:restless` when
-  #{@most_unrest} times in a row an edge came before the line had been quiet for as long as it was waited for.
+  #{@most_unrest} times an edge came before the line had been quiet for as long as it was waited for; each time that it had makes up for #{@quiet} of them.
   """
   @spec edge(t(), integer()) :: {:wait, integer(), t()} | {:same, t()} | :restless
   def edge(%{waiting?: true} = debounce, _now_ns), do: {:same, debounce}
@@ -59,5 +60,5 @@ defmodule BB.Sensor.ContactSwitch.Debounce do
        when rested_ns != nil and now_ns - rested_ns < debounce.window_ns,
        do: debounce.unrest + 1
 
-  defp unrest(_debounce, _now_ns), do: 0
+  defp unrest(debounce, _now_ns), do: max(debounce.unrest - @quiet, 0)
 end
