@@ -276,10 +276,14 @@ defmodule BB.Bus.Sim.GPIO.Chip do
     %{
       consumer: if(handle, do: "circuits_gpio", else: ""),
       direction: if(line.host == :input, do: :input, else: :output),
-      pull_mode: line.pull,
+      pull_mode: asked_pull(handle),
       drive_mode: if(handle, do: handle.drive, else: :push_pull)
     }
   end
+
+  # The kernel tells what it was asked for, not what the pin has from before.
+  defp asked_pull(%{pull: pull}) when pull in [:pullup, :pulldown], do: pull
+  defp asked_pull(_none), do: :none
 
   # Lines: what changes one, and who is told.
 
