@@ -83,6 +83,15 @@ defmodule BB.Test.Bench do
     reason
   end
 
+  @doc "What a fault between two readings ends a working driver with. Nothing is published after the fault."
+  def reason_after(pid, fault) do
+    reading()
+    between_readings(pid, fault)
+    reason = reason_of_end(pid)
+    refute_received {:bb, _, _}
+    reason
+  end
+
   @doc "Pulls the chip's wires and puts them back: it is as after power-on."
   def cut_power(bench, address) do
     :ok = Sim.unplug(bench.bus, address)

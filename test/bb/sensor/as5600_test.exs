@@ -141,10 +141,9 @@ defmodule BB.Sensor.As5600Test do
       end)
 
       pid = Bench.start!(bench)
-      Bench.reading()
-      Bench.between_readings(pid, fn -> :counters.put(fallen, 1, 1) end)
-      assert Bench.reason_of_end(pid) == {:shutdown, {:no_magnet, bench.bus, 0x36}}
-      refute_received {:bb, _, _}
+
+      assert Bench.reason_after(pid, fn -> :counters.put(fallen, 1, 1) end) ==
+               {:shutdown, {:no_magnet, bench.bus, 0x36}}
     end
 
     test "half a turn at once ends it at once: the turns are no longer known", %{
@@ -152,26 +151,23 @@ defmodule BB.Sensor.As5600Test do
       knob: knob
     } do
       pid = Bench.start!(bench)
-      Bench.reading()
-      Bench.between_readings(pid, fn -> :counters.put(knob, 1, 500) end)
-      assert Bench.reason_of_end(pid) == {:shutdown, {:too_fast, bench.bus, 0x36}}
-      refute_received {:bb, _, _}
+
+      assert Bench.reason_after(pid, fn -> :counters.put(knob, 1, 500) end) ==
+               {:shutdown, {:too_fast, bench.bus, 0x36}}
     end
 
     test "a pulled wire ends it after three readings, and nothing is published", %{bench: bench} do
       pid = Bench.start!(bench)
-      Bench.reading()
-      Bench.between_readings(pid, fn -> :ok = Sim.unplug(bench.bus, 0x36) end)
-      assert Bench.reason_of_end(pid) == {:shutdown, {:no_answer, bench.bus, 0x36}}
-      refute_received {:bb, _, _}
+
+      assert Bench.reason_after(pid, fn -> :ok = Sim.unplug(bench.bus, 0x36) end) ==
+               {:shutdown, {:no_answer, bench.bus, 0x36}}
     end
 
     test "a moment without power ends it at once, so that it is set up again", %{bench: bench} do
       pid = Bench.start!(bench, filter: 2)
-      Bench.reading()
-      Bench.between_readings(pid, fn -> Bench.cut_power(bench, 0x36) end)
-      assert Bench.reason_of_end(pid) == {:shutdown, {:restarted, bench.bus, 0x36}}
-      refute_received {:bb, _, _}
+
+      assert Bench.reason_after(pid, fn -> Bench.cut_power(bench, 0x36) end) ==
+               {:shutdown, {:restarted, bench.bus, 0x36}}
     end
   end
 

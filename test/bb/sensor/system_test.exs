@@ -115,11 +115,9 @@ defmodule BB.Sensor.SystemTest do
     } do
       zone(root, 0, "cpu-thermal", 50_000)
       pid = Bench.start!(bench, root: root, rate: 10)
-      Bench.reading()
       path = Path.join(root, "sys/class/thermal/thermal_zone0/temp")
-      Bench.between_readings(pid, fn -> File.rm!(path) end)
-      assert Bench.reason_of_end(pid) == {:shutdown, {:unreadable, path, :enoent}}
-      refute_received {:bb, _, _}
+      fault = fn -> File.rm!(path) end
+      assert Bench.reason_after(pid, fault) == {:shutdown, {:unreadable, path, :enoent}}
     end
   end
 
