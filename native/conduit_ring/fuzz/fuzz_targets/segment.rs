@@ -11,8 +11,8 @@ use std::os::unix::fs::FileExt;
 use std::time::Duration;
 
 use conduit_ring::{
-    Error, Geometry, Info, Policy, Publisher, PublisherOptions, Read, Start, Subscriber,
-    SubscriberOptions, Topic,
+    Error, Geometry, Guard, Info, Lease, Policy, Publisher, PublisherOptions, Read, Received,
+    Start, Subscriber, SubscriberOptions, Topic,
 };
 use libfuzzer_sys::fuzz_target;
 
@@ -50,6 +50,7 @@ struct Scene {
     geometry: Geometry,
     len: usize,
     subscribers: Vec<Subscriber>,
+    leases: Vec<Lease>,
     publisher: Option<Publisher>,
 }
 
@@ -75,6 +76,7 @@ impl Scene {
             geometry,
             len,
             subscribers: Vec::new(),
+            leases: Vec::new(),
             publisher: None,
         }
     }
@@ -91,7 +93,7 @@ impl Scene {
     }
 
     fn act(&mut self, kind: u8, at: usize, value: u64) {
-        match kind % 12 {
+        match kind % 16 {
             0 => self.read(at),
             1 => self.subscribe(at, value),
             2 => self.publish(value),
@@ -105,7 +107,9 @@ impl Scene {
             6 => {
                 self.subscribers.pop();
             }
-            7 => self.read(at + 1),
+            7 => self.lease(at),
+            8 => self.let_go(at),
+            9 => self.loan(at, value),
             _ => self.change(kind, at, value),
         }
     }
@@ -143,9 +147,60 @@ impl Scene {
         } else {
             Policy::Latest
         };
-        match Subscriber::open(&self.topic, &SubscriberOptions { start, policy }) {
+        let guard = if at & 32 == 0 {
+            Guard::Never
+        } else {
+            Guard::Always
+        };
+        let options = SubscriberOptions {
+            start,
+            policy,
+            guard,
+        };
+        match Subscriber::open(&self.topic, &options) {
             Ok(subscriber) => self.subscribers.push(subscriber),
             Err(error) => documented(&error),
+        }
+    }
+
+    fn lease(&mut self, at: usize) {
+        let count = self.subscribers.len().max(1);
+        let Some(subscriber) = self.subscribers.get_mut(at % count) else {
+            return;
+        };
+        match subscriber.try_lease() {
+            Ok(Received::Message(meta, lease)) => {
+                assert!(meta.len == lease.len() && meta.len <= self.len);
+                self.leases.push(lease);
+            }
+            Ok(_) => {}
+            Err(error) => documented(&error),
+        }
+    }
+
+    /// Reads the lease to its end first: what it promised to be readable is, whatever became of the file's bytes.
+    fn let_go(&mut self, at: usize) {
+        if self.leases.is_empty() {
+            return;
+        }
+        let mut lease = self.leases.swap_remove(at % self.leases.len());
+        assert!(lease.to_vec().len() == lease.len());
+        if at & 256 != 0 {
+            if let Err(error) = lease.detach() {
+                documented(&error);
+            }
+            assert!(lease.to_vec().len() == lease.len());
+        }
+    }
+
+    fn loan(&mut self, at: usize, value: u64) {
+        let bytes = value.to_le_bytes();
+        let Some(Ok(mut loan)) = self.publisher.as_mut().map(|p| p.loan(bytes.len())) else {
+            return;
+        };
+        loan.write_at(0, &bytes);
+        if at & 1 == 0 {
+            loan.commit();
         }
     }
 
@@ -190,10 +245,11 @@ impl Scene {
             file,
             geometry,
             subscribers,
+            leases,
             publisher,
             ..
         } = self;
-        drop((file, subscribers, publisher));
+        drop((file, leases, subscribers, publisher));
         let mut publisher = Publisher::open(&topic, &options(geometry)).unwrap();
         let latest = SubscriberOptions {
             start: Start::Latest,
@@ -220,6 +276,7 @@ fn documented(error: &Error) {
         error,
         Error::BadSegment { .. }
             | Error::NoReaderSlot { .. }
+            | Error::TooManyLeases { .. }
             | Error::NoTopic { .. }
             | Error::PublisherAlive { .. }
             | Error::LegacyInUse { .. }
