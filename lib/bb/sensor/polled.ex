@@ -58,7 +58,8 @@ defmodule BB.Sensor.Polled do
   defstruct [:module, :bb, :frame_id, :device, :loop, :checked_ns, failures: 0, idle: 0]
 
   @typedoc """
-  The sensor's state: `device` is the driver's, `failures` counts those in a row, `idle` how often there was nothing new, `checked_ns` is when it was checked last.
+  The sensor's state: `device` is the driver's, `failures` counts those in a row, `idle` how often in a row there was nothing new, `checked_ns` is when
+  it was checked last.
   """
   @type t :: %__MODULE__{
           module: module(),
@@ -77,6 +78,15 @@ defmodule BB.Sensor.Polled do
   @typedoc "Why it does not work, for the driver's `explain/1`."
   @type reason :: term()
 
+  @typedoc "What `c:measure/2` gives."
+  @type result ::
+          {:ok, reading :: term(), device()}
+          | {:none, device()}
+          | {:none, reason(), device()}
+          | {:error, reason()}
+          | {:error, reason(), device()}
+          | {:stop, reason()}
+
   @doc """
   Opens the device, makes sure that it is the right one and works, and sets it up. It may wait: it runs in the sensor's own process.
   What it has opened when it fails, it closes.
@@ -87,13 +97,7 @@ defmodule BB.Sensor.Polled do
   A reading; `:none` when the device has no new one, with a reason where that must not go on; or why there is none, with the device where that
   has changed; `{:stop, reason}` for a reason after which it makes no sense to go on. `now_ns` is the time of the robot's clock.
   """
-  @callback measure(device(), now_ns :: integer()) ::
-              {:ok, reading :: term(), device()}
-              | {:none, device()}
-              | {:none, reason(), device()}
-              | {:error, reason()}
-              | {:error, reason(), device()}
-              | {:stop, reason()}
+  @callback measure(device(), now_ns :: integer()) :: result()
 
   @doc "Publishes a reading."
   @callback publish(reading :: term(), sensor :: t()) :: :ok
@@ -186,7 +190,6 @@ defmodule BB.Sensor.Polled do
   def handle_info(:tick, sensor) do
     {_dt, _skipped, loop} = Loop.tick(sensor.loop)
     {result, sensor} = measure(%{sensor | loop: loop})
-
     outcome(result, sensor)
   end
 
@@ -195,15 +198,7 @@ defmodule BB.Sensor.Polled do
   @doc """
   What follows from what `c:measure/2` gave, for a driver that also measures when its device tells it to: a return value for `handle_info/2`.
   """
-  @spec outcome(
-          {:ok, reading :: term(), device()}
-          | {:none, device()}
-          | {:none, reason(), device()}
-          | {:error, reason()}
-          | {:error, reason(), device()}
-          | {:stop, reason()},
-          t()
-        ) :: {:noreply, t()} | {:stop, {:shutdown, reason()}, t()}
+  @spec outcome(result(), t()) :: {:noreply, t()} | {:stop, {:shutdown, reason()}, t()}
   def outcome({:ok, reading, device}, sensor), do: measured(reading, succeeded(sensor, device))
   def outcome({:none, device}, sensor), do: {:noreply, succeeded(sensor, device)}
   def outcome({:none, reason, device}, sensor), do: idle(reason, %{sensor | device: device})
