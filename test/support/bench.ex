@@ -15,6 +15,7 @@ defmodule BB.Test.Bench do
   defstruct [:driver, :robot, :bus, path: [:bench, :sensor]]
 
   @patience_ms 10_000
+  @id :driver
 
   @doc "A bench for that driver, whose bus has those devices. The calling process hears what is published."
   def new(driver, devices) do
@@ -29,13 +30,11 @@ defmodule BB.Test.Bench do
 
   @doc "Starts the driver: `{:ok, pid}`, or `{:error, reason}` with the driver's own reason."
   def start(bench, opts \\ []) do
-    case start_supervised(
-           Supervisor.child_spec({BB.Sensor.Server, args(bench, opts)}, restart: :temporary)
-         ) do
+    child =
+      Supervisor.child_spec({BB.Sensor.Server, args(bench, opts)}, id: @id, restart: :temporary)
+
+    case start_supervised(child) do
       {:ok, pid} -> {:ok, pid}
-      {:error, {reason, {:child, _, _, _, _, _, _, _, _}}} -> {:error, reason}
-      {:error, {{reason, {:child, _, _, _, _, _, _, _, _}}, _spec}} -> {:error, reason}
-      {:error, {{reason, _child}, _spec}} -> {:error, reason}
       {:error, {reason, _child}} -> {:error, reason}
     end
   end
@@ -47,7 +46,7 @@ defmodule BB.Test.Bench do
   end
 
   @doc "Stops the driver as its supervisor would."
-  def stop, do: stop_supervised!(BB.Sensor.Server)
+  def stop, do: stop_supervised!(@id)
 
   @doc "The driver's options as its `init/1` gets them."
   def options(bench, opts) do
@@ -81,6 +80,15 @@ defmodule BB.Test.Bench do
   def reason_of_end(pid) do
     monitor = Process.monitor(pid)
     assert_receive {:DOWN, ^monitor, :process, ^pid, reason}, @patience_ms
+    reason
+  end
+
+  @doc "What a fault between two readings ends a working driver with. Nothing is published after the fault."
+  def reason_after(pid, fault) do
+    reading()
+    between_readings(pid, fault)
+    reason = reason_of_end(pid)
+    refute_received {:bb, _, _}
     reason
   end
 

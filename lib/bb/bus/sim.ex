@@ -62,7 +62,8 @@ defmodule BB.Bus.Sim do
 
   - `:devices`: `%{address => device}` plugged in from the start; default none;
   - `:clock_hz`: the bus's clock (100_000, 400_000); default `nil`, transfers are instant;
-  - `:clock`: the devices' time: a `t:BB.Clock.t/0`, such as `BB.Clock.of(robot)`, or a function that returns nanoseconds; default `:real`.
+  - `:clock`: the devices' time: a `t:BB.Clock.t/0`, such as `BB.Clock.of(robot)`, or a function that returns nanoseconds, with which
+    no interrupt pin pulses; default `:real`.
   """
   @type bus_options :: [
           devices: %{address() => device()} | [{address(), device()}],

@@ -161,20 +161,13 @@ defmodule BB.Sensor.Ina219 do
   def check(chip), do: expect_settings(chip, :restarted)
 
   defp expect_settings(chip, otherwise) do
-    with :ok <- expect(chip, Registers.configuration(), configuration(chip), otherwise),
+    with :ok <-
+           Device.expect(chip.device, Registers.configuration(), configuration(chip), otherwise),
          do: expect_calibration(chip, otherwise)
   end
 
   defp expect_calibration(chip, otherwise),
-    do: expect(chip, Registers.calibration(), <<chip.calibration::16>>, otherwise)
-
-  defp expect(chip, register, bytes, otherwise) do
-    case Device.read(chip.device, register, 2) do
-      {:ok, ^bytes} -> :ok
-      {:ok, _other} -> {:error, Device.fault(chip.device, otherwise)}
-      {:error, reason} -> {:error, reason}
-    end
-  end
+    do: Device.expect(chip.device, Registers.calibration(), <<chip.calibration::16>>, otherwise)
 
   defp configuration(chip), do: Registers.encode_settings(chip.settings)
 

@@ -36,8 +36,9 @@ defmodule BB.Sensor.Polled do
 
   A reading is published when it was made, or not at all. After three failed readings in a row the sensor stops with the last one's reason, and
   is started again as its robot's supervision says. What answers after a failed reading may be a device that was plugged in anew:
-  `c:check/1` is called before the next one. A reason of the kind `:restarted` (`t:BB.Bus.I2C.Device.reason/0`) stops the sensor at once, so
-  that the device is set up again.
+  `c:check/1` is called before the next one. It is called each half second too, since bits that flip on the wires make readings that look like any other, and
+  show only in what is known. A reason of the kind `:restarted` (`t:BB.Bus.I2C.Device.reason/0`) stops the sensor at once, so
+  that the device is set up again, and so does `{:stop, reason}` from `c:measure/2`.
 
   What keeps a device from measuring at all belongs into `c:open/1` too: a sensor that opens well and then fails goes up and down for
   as long as the fault lasts, instead of staying down with one reason.
@@ -46,17 +47,20 @@ defmodule BB.Sensor.Polled do
   alias BB.Loop
 
   @most_failures 3
+  @check_ms 500
+  @check_ns @check_ms * 1_000_000
 
   @enforce_keys [:module, :bb, :frame_id, :device, :loop]
-  defstruct [:module, :bb, :frame_id, :device, :loop, failures: 0]
+  defstruct [:module, :bb, :frame_id, :device, :loop, :checked_ns, failures: 0]
 
-  @typedoc "The sensor's state: `device` is the driver's, `failures` counts those in a row."
+  @typedoc "The sensor's state: `device` is the driver's, `failures` counts those in a row, `checked_ns` is when it was checked last."
   @type t :: %__MODULE__{
           module: module(),
           bb: BB.Sensor.bb(),
           frame_id: atom(),
           device: device(),
           loop: Loop.t(),
+          checked_ns: integer() | nil,
           failures: non_neg_integer()
         }
 
@@ -73,13 +77,15 @@ defmodule BB.Sensor.Polled do
   @callback open(opts :: keyword()) :: {:ok, device()} | {:error, reason()}
 
   @doc """
-  A reading, `:none` when the device has no new one, or why there is none. `now_ns` is the time of the robot's clock.
+  A reading, `:none` when the device has no new one, or why there is none, with the device where that has changed; `{:stop, reason}` for a reason
+  after which it makes no sense to go on. `now_ns` is the time of the robot's clock.
   """
   @callback measure(device(), now_ns :: integer()) ::
               {:ok, reading :: term(), device()}
               | {:none, device()}
               | {:error, reason()}
               | {:error, reason(), device()}
+              | {:stop, reason()}
 
   @doc "Publishes a reading."
   @callback publish(reading :: term(), sensor :: t()) :: :ok
@@ -87,8 +93,11 @@ defmodule BB.Sensor.Polled do
   @doc "Gives the device back."
   @callback close(device()) :: term()
 
-  @doc "Makes sure, after a failed reading, that the device still is as `c:open/1` left it. By default it is taken to be."
+  @doc "Makes sure, after a failed reading and each #{@check_ms} ms, that the device still is as `c:open/1` left it. By default it is taken to be."
   @callback check(device()) :: :ok | {:error, reason()}
+
+  @doc "How often to measure, in Hz. By default it is the option `:rate`."
+  @callback pace(opts :: keyword()) :: number()
 
   @doc """
   The options of every such sensor, `:rate` and `:frame_id`, for a driver's schema: `rate:` the slowest and the fastest rate in Hz,
@@ -135,7 +144,11 @@ defmodule BB.Sensor.Polled do
       @doc false
       def check(_device), do: :ok
 
+      @doc false
+      def pace(opts), do: opts[:rate]
+
       defoverridable rate: 1,
+                     pace: 1,
                      init: 1,
                      handle_options: 2,
                      handle_info: 2,
@@ -164,17 +177,29 @@ defmodule BB.Sensor.Polled do
   @spec handle_info(term(), t()) :: {:noreply, t()} | {:stop, {:shutdown, reason()}, t()}
   def handle_info(:tick, sensor) do
     {_dt, _skipped, loop} = Loop.tick(sensor.loop)
-    sensor = %{sensor | loop: loop}
+    {result, sensor} = measure(%{sensor | loop: loop})
 
-    case measure(sensor) do
-      {:ok, reading, device} -> measured(reading, succeeded(sensor, device))
-      {:none, device} -> {:noreply, succeeded(sensor, device)}
-      {:error, reason} -> failed(reason, sensor)
-      {:error, reason, device} -> failed(reason, %{sensor | device: device})
-    end
+    outcome(result, sensor)
   end
 
   def handle_info(_late, sensor), do: {:noreply, sensor}
+
+  @doc """
+  What follows from what `c:measure/2` gave, for a driver that also measures when its device tells it to: a return value for `handle_info/2`.
+  """
+  @spec outcome(
+          {:ok, reading :: term(), device()}
+          | {:none, device()}
+          | {:error, reason()}
+          | {:error, reason(), device()}
+          | {:stop, reason()},
+          t()
+        ) :: {:noreply, t()} | {:stop, {:shutdown, reason()}, t()}
+  def outcome({:ok, reading, device}, sensor), do: measured(reading, succeeded(sensor, device))
+  def outcome({:none, device}, sensor), do: {:noreply, succeeded(sensor, device)}
+  def outcome({:error, reason}, sensor), do: failed(reason, sensor)
+  def outcome({:error, reason, device}, sensor), do: failed(reason, %{sensor | device: device})
+  def outcome({:stop, reason}, sensor), do: {:stop, {:shutdown, reason}, sensor}
 
   @doc "What its `terminate/2` does: no tick comes any more, and the device is given back."
   @spec stop(t()) :: term()
@@ -191,12 +216,22 @@ defmodule BB.Sensor.Polled do
       bb: bb,
       frame_id: opts[:frame_id] || List.last(bb.path),
       device: device,
-      loop: bb |> Loop.new(clock: {:rate, opts[:rate]}) |> Loop.arm()
+      loop: bb |> Loop.new(clock: {:rate, module.pace(opts)}) |> Loop.arm()
     }
   end
 
-  defp measure(%{failures: 0} = sensor), do: ask(sensor)
-  defp measure(sensor), do: with(:ok <- sensor.module.check(sensor.device), do: ask(sensor))
+  defp measure(sensor) do
+    if check_due?(sensor),
+      do: {check_and_ask(sensor), %{sensor | checked_ns: sensor.loop.last_ns}},
+      else: {ask(sensor), sensor}
+  end
+
+  defp check_due?(%{checked_ns: nil}), do: true
+  defp check_due?(%{failures: failures}) when failures > 0, do: true
+  defp check_due?(sensor), do: sensor.loop.last_ns - sensor.checked_ns >= @check_ns
+
+  defp check_and_ask(sensor),
+    do: with(:ok <- sensor.module.check(sensor.device), do: ask(sensor))
 
   defp ask(sensor), do: sensor.module.measure(sensor.device, sensor.loop.last_ns)
 

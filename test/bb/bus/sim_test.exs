@@ -136,6 +136,80 @@ defmodule BB.Bus.SimTest do
     end
   end
 
+  describe "a device's interrupt pin" do
+    # Pulses every 5 ms while it was told a line.
+    defmodule Pulsing do
+      @behaviour BB.Bus.Sim.Device
+
+      @period_ns 5_000_000
+
+      @impl true
+      def init([line: line], now_ns), do: {:ok, %{line: line, on?: true, start_ns: now_ns}}
+
+      @impl true
+      def write(<<on>>, _now_ns, state), do: {:ok, %{state | on?: on == 1}}
+
+      @impl true
+      def read(_count, _now_ns, state), do: {:nak, state}
+
+      @impl true
+      def pulses(_from_ns, _to_ns, %{on?: false}), do: nil
+
+      def pulses(from_ns, to_ns, state) do
+        [first, next] = for t <- [from_ns, to_ns], do: div(t - state.start_ns, @period_ns) + 1
+
+        times_ns = for n <- first..(next - 1)//1, do: state.start_ns + n * @period_ns
+        next_ns = state.start_ns + next * @period_ns
+        %{line: state.line, width_ns: 50_000, times_ns: times_ns, next_ns: next_ns}
+      end
+    end
+
+    setup %{name: name} do
+      robot = Module.concat(__MODULE__, name)
+      start_supervised!({BB.Clock.Stepped, robot: robot})
+      clock = BB.Clock.of(robot)
+      start_supervised!({Sim.Lines, chips: %{name => [clock: clock]}})
+      devices = %{0x20 => {Pulsing, line: {name, 4}}}
+      bus = name <> "-pulsing"
+      start_supervised!({Sim, buses: %{bus => [devices: devices, clock: clock]}}, id: :pulsing)
+      {:ok, line} = Sim.GPIO.open({name, 4}, :input, pull_mode: :pullup)
+      :ok = Sim.GPIO.set_interrupts(line, :rising)
+      %{robot: robot, pin: {name, 4}, pulsing: bus, from_ns: BB.Clock.now_ns(clock)}
+    end
+
+    test "drives its line at the very times", context do
+      BB.Clock.Stepped.advance(context.robot, 20_000_000)
+      assert stamps(context) == [5_000_000, 10_000_000, 15_000_000, 20_000_000]
+      assert Sim.Lines.level(context.pin) == 1
+      BB.Clock.Stepped.advance(context.robot, 100_000)
+      assert Sim.Lines.level(context.pin) == 0
+    end
+
+    test "is told at once what changes, and lets go when the wires are pulled", context do
+      {:ok, bus} = I2C.open(context.pulsing)
+      BB.Clock.Stepped.advance(context.robot, 12_000_000)
+      :ok = I2C.write(bus, 0x20, <<0>>)
+      assert Sim.Lines.level(context.pin) == 1
+      BB.Clock.Stepped.advance(context.robot, 10_000_000)
+      :ok = I2C.write(bus, 0x20, <<1>>)
+      BB.Clock.Stepped.advance(context.robot, 10_000_000)
+      Sim.unplug(context.pulsing, 0x20)
+      BB.Clock.Stepped.advance(context.robot, 10_000_000)
+
+      # A line that is let go follows the pull of its pin.
+      let_go = [12_000_000, 32_000_000]
+      assert stamps(context) -- let_go == [5_000_000, 10_000_000, 25_000_000, 30_000_000]
+    end
+
+    defp stamps(%{pin: line, from_ns: from_ns} = context) do
+      receive do
+        {:circuits_gpio, ^line, time_ns, 1} -> [time_ns - from_ns | stamps(context)]
+      after
+        0 -> []
+      end
+    end
+  end
+
   describe "plugging" do
     test "an unplugged device does not answer", %{name: name, bus: bus} do
       :ok = Sim.unplug(name, 0x10)

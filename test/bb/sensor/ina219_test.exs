@@ -69,15 +69,11 @@ defmodule BB.Sensor.Ina219Test do
 
   test "a chip that no longer measures is a fault", %{bench: bench} do
     pid = Bench.start!(bench, rate: 200)
-    Bench.reading()
     {:ok, bus} = I2C.open(bench.bus)
 
-    # Powered down, with its calibration.
-    Bench.between_readings(pid, fn -> :ok = I2C.write(bus, 0x40, <<0, 0x39, 0x98>>) end)
-
-    # The settings are looked at after the first failure.
-    assert Bench.reason_of_end(pid) == {:shutdown, {:restarted, bench.bus, 0x40}}
-    refute_received {:bb, _, _}
+    # Powered down, with its calibration. The settings are looked at after the first failure.
+    fault = fn -> :ok = I2C.write(bus, 0x40, <<0, 0x39, 0x98>>) end
+    assert Bench.reason_after(pid, fault) == {:shutdown, {:restarted, bench.bus, 0x40}}
   end
 
   describe "it does not start" do
@@ -139,10 +135,9 @@ defmodule BB.Sensor.Ina219Test do
 
     test "a pulled wire ends it after three readings, and nothing is published", %{bench: bench} do
       pid = Bench.start!(bench, rate: 200)
-      Bench.reading()
-      Bench.between_readings(pid, fn -> :ok = Sim.unplug(bench.bus, 0x40) end)
-      assert Bench.reason_of_end(pid) == {:shutdown, {:no_answer, bench.bus, 0x40}}
-      refute_received {:bb, _, _}
+
+      assert Bench.reason_after(pid, fn -> :ok = Sim.unplug(bench.bus, 0x40) end) ==
+               {:shutdown, {:no_answer, bench.bus, 0x40}}
     end
 
     test "two failed readings are overcome", %{bench: bench} do
@@ -157,10 +152,9 @@ defmodule BB.Sensor.Ina219Test do
       bench: bench
     } do
       pid = Bench.start!(bench, rate: 200)
-      Bench.reading()
-      Bench.between_readings(pid, fn -> Bench.cut_power(bench, 0x40) end)
-      assert Bench.reason_of_end(pid) == {:shutdown, {:restarted, bench.bus, 0x40}}
-      refute_received {:bb, _, _}
+
+      assert Bench.reason_after(pid, fn -> Bench.cut_power(bench, 0x40) end) ==
+               {:shutdown, {:restarted, bench.bus, 0x40}}
     end
   end
 

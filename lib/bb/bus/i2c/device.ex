@@ -134,6 +134,21 @@ defmodule BB.Bus.I2C.Device do
     end
   end
 
+  @doc "Makes sure that a register, and those behind it, have the bytes that were written to them; `otherwise` is the kind of the reason why not."
+  @spec expect(t(), register :: byte(), binary(), otherwise :: atom()) ::
+          :ok | {:error, reason()}
+  def expect(device, register, bytes, otherwise) do
+    case read(device, register, byte_size(bytes)) do
+      {:ok, ^bytes} -> :ok
+      {:ok, _other} -> {:error, fault(device, otherwise)}
+      {:error, reason} -> {:error, reason}
+    end
+  end
+
+  @doc "Whether two are at the same address of the same bus."
+  @spec same_place?(t(), t()) :: boolean()
+  def same_place?(a, b), do: {a.bus_name, a.address} == {b.bus_name, b.address}
+
   @doc """
   A reason of that kind at this device's place: one of `t:reason/0`, or of the driver's own.
 
@@ -171,7 +186,7 @@ defmodule BB.Bus.I2C.Device do
 
   def explain({:not_configured, bus, address}),
     do:
-      "the chip at #{place(bus, address)} did not keep its settings: check its power and for a second device at the address"
+      "the chip at #{place(bus, address)} did not keep its settings: check the part, its power, and for a second device at the address"
 
   def explain({:restarted, bus, address}),
     do:

@@ -85,6 +85,15 @@ defmodule BB.Bus.Sim.Slot do
     suffer(wrong, %{slot | fault: fault}, request, timeout_ms, now_ns)
   end
 
+  @doc "The pulses of the device's interrupt pin, see `c:BB.Bus.Sim.Device.pulses/3`."
+  @spec pulses(t(), integer(), integer()) :: map() | nil
+  def pulses(%{plugged?: true, broken?: false} = slot, from_ns, to_ns) do
+    if function_exported?(slot.module, :pulses, 3),
+      do: slot.module.pulses(from_ns, to_ns, slot.state)
+  end
+
+  def pulses(_slot, _from_ns, _to_ns), do: nil
+
   defp suffer({:slow, ms}, slot, request, timeout_ms, now_ns) when ms < timeout_ms do
     {answer, slot} = perform(slot, request, now_ns)
     {answer, ms, slot}
