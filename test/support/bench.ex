@@ -76,19 +76,21 @@ defmodule BB.Test.Bench do
     result
   end
 
-  @doc "Waits for the process's end, and returns its reason. Nothing that it has published comes later."
-  def reason_of_end(pid) do
-    monitor = Process.monitor(pid)
-    assert_receive {:DOWN, ^monitor, :process, ^pid, reason}, @patience_ms
+  @doc """
+  What `fault` ends a working driver with: something done between two readings. Nothing that was published after it is left behind.
+  """
+  def reason_after(pid, fault) do
+    reading()
+    reason = reason_of_end(pid, fn -> between_readings(pid, fault) end)
+    refute_received {:bb, _, _}
     reason
   end
 
-  @doc "What a fault between two readings ends a working driver with. Nothing is published after the fault."
-  def reason_after(pid, fault) do
-    reading()
-    between_readings(pid, fault)
-    reason = reason_of_end(pid)
-    refute_received {:bb, _, _}
+  @doc "Does something that ends the process, and returns its reason. Nothing that it has published comes later."
+  def reason_of_end(pid, fun) do
+    monitor = Process.monitor(pid)
+    fun.()
+    assert_receive {:DOWN, ^monitor, :process, ^pid, reason}, @patience_ms
     reason
   end
 

@@ -120,8 +120,8 @@ defmodule BB.Sensor.Ina219Test do
       pid = Bench.start!(bench, rate: 200, max_current: 2)
       Bench.reading()
       # What was measured before the change may still be read once.
-      :counters.put(current, 1, 4)
-      assert Bench.reason_of_end(pid) == {:shutdown, {:overflow, bench.bus, 0x40}}
+      fault = fn -> :counters.put(current, 1, 4) end
+      assert Bench.reason_of_end(pid, fault) == {:shutdown, {:overflow, bench.bus, 0x40}}
       for message <- heard(), do: assert(message.payload.current == 0.0)
     end
 

@@ -62,27 +62,39 @@ defmodule BB.Sensor.PolledTest do
 
   defp log(device), do: Agent.get(device, fn {_answers, log} -> Enum.reverse(log) end)
 
+  # Why a sensor that works ends when it is told this.
+  defp reason_of_end(bench, device, answers) do
+    pid = Bench.start!(bench, device: device)
+    Bench.reading()
+    Bench.reason_of_end(pid, fn -> tell(device, answers) end)
+  end
+
+  # Told readings are false, others true.
+  defp told do
+    receive do
+      {:bb, _path, %{payload: %Contact{pressed: pressed}}} -> if(pressed, do: 0, else: 1) + told()
+    after
+      0 -> 0
+    end
+  end
+
   test "two failed readings in a row are overcome, a third ends it with its reason", %{
     bench: bench,
     device: device
   } do
     fail = &{:error, {:failed, &1}}
-    tell(device, [fail.(1), fail.(2), {:ok, true}, fail.(3), fail.(4), fail.(5)])
-    pid = Bench.start!(bench, device: device)
-    assert Bench.reason_of_end(pid) == {:shutdown, {:failed, 5}}
-    assert Bench.reading().payload.pressed
-    refute_received {:bb, _, _}
+    answers = [fail.(1), fail.(2), {:ok, false}, fail.(3), fail.(4), fail.(5)]
+    assert reason_of_end(bench, device, answers) == {:shutdown, {:failed, 5}}
+    assert told() == 1
   end
 
-  test "at the first and after a failed reading it is checked, and what the check says is a failed reading too",
-       %{
-         bench: bench,
-         device: device
-       } do
-    tell(device, [{:error, :first}, {:check, {:error, :second}}, {:check, {:error, :third}}])
-    pid = Bench.start!(bench, device: device)
-    assert Bench.reason_of_end(pid) == {:shutdown, :third}
-    assert [:checked, {:measured, _}, :checked, :checked, :closed] = log(device)
+  test "after a failed reading it is checked, and what the check says is a failed reading too", %{
+    bench: bench,
+    device: device
+  } do
+    answers = [{:error, :first}, {:check, {:error, :second}}, {:check, {:error, :third}}]
+    assert reason_of_end(bench, device, answers) == {:shutdown, :third}
+    assert List.last(log(device)) == :closed
   end
 
   test "a device that was restarted ends it at once, and so does a reading that says so", %{
@@ -93,9 +105,7 @@ defmodule BB.Sensor.PolledTest do
           {{:error, {:restarted, "i2c-1", 1}}, {:restarted, "i2c-1", 1}},
           {{:stop, :lost}, :lost}
         ] do
-      tell(device, [answer])
-      assert bench |> Bench.start!(device: device) |> Bench.reason_of_end() == {:shutdown, reason}
-      refute_received {:bb, _, _}
+      assert reason_of_end(bench, device, [answer]) == {:shutdown, reason}
     end
   end
 
@@ -104,18 +114,16 @@ defmodule BB.Sensor.PolledTest do
     device: device
   } do
     none = List.duplicate({:none, :asleep}, 3)
-    tell(device, none ++ [{:ok, true}] ++ none ++ List.duplicate({:none, :asleep}, 3))
-    pid = Bench.start!(bench, device: device)
-    assert Bench.reason_of_end(pid) == {:shutdown, :asleep}
-    assert Bench.reading().payload.pressed
-    refute_received {:bb, _, _}
+    answers = none ++ [{:ok, false}] ++ none ++ none
+    assert reason_of_end(bench, device, answers) == {:shutdown, :asleep}
+    assert told() == 1
     assert Enum.count(log(device), &match?({:measured, _}, &1)) == 10
   end
 
   test "nothing new, where that may go on, is none", %{bench: bench, device: device} do
-    tell(device, List.duplicate({:none, nil}, 10))
+    tell(device, List.duplicate({:none, nil}, 10) ++ [{:ok, false}])
     Bench.start!(bench, device: device)
-    assert Bench.reading().payload.pressed
+    refute Bench.reading().payload.pressed
   end
 
   test "its messages have its name as frame, or the one that is asked for", %{

@@ -213,8 +213,8 @@ defmodule BB.Sensor.TfLunaTest do
       Bench.reading()
 
       # What was measured before may still be read once.
-      :counters.put(knob, 1, 65_535)
-      assert Bench.reason_of_end(pid) == {:shutdown, {:dazzled, bench.bus, 0x10}}
+      fault = fn -> :counters.put(knob, 1, 65_535) end
+      assert Bench.reason_of_end(pid, fault) == {:shutdown, {:dazzled, bench.bus, 0x10}}
     end
 
     test "a pulled wire ends it after three readings, and nothing is published", %{bench: bench} do
