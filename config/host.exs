@@ -1,7 +1,7 @@
 import Config
 
 # On the host the buses are simulated: the drivers are the same code as on a board.
-config :ganglion, i2c: BB.Bus.Sim.I2C
+config :ganglion, i2c: BB.Bus.Sim.I2C, gpio: BB.Bus.Sim.GPIO
 
 # Reports of normal starts and stops are for boards that are debugged over a console.
 config :logger, handle_sasl_reports: false

@@ -51,9 +51,17 @@ defmodule ArchitectureTest do
     # Drivers, and the bus as they see it. What is simulated behind it they cannot name.
     clock: {~w(BB.Clock.*), []},
     loop: {~w(BB.Loop), ~w(clock envelope unit telemetry)a},
-    bus: {~w(BB.Bus.*), []},
+    bus: {~w(BB.Bus.*), [:clock]},
     simulation: {~w(BB.Bus.Sim.*), [:clock]},
-    driver: {~w(BB.Sensor.*), ~w(sensor loop bus envelope payload math unit options)a},
+    polled: {~w(BB.Sensor.Polled), ~w(sensor loop unit)a},
+    driver:
+      {~w(BB.Sensor.*),
+       ~w(sensor polled clock loop bus safety envelope payload math unit options)a},
+
+    # What all drivers are tested by. It has a robot, and breaks its wires.
+    conformance:
+      {~w(BB.Sensor.Conformance.*),
+       ~w(facade sensor bus simulation clock parameter pub_sub envelope payload unit options)a},
 
     # Outlets and inlets are sensors too, docs/decisions/0003.
     ring: {~w(BB.Ring.*), [:options]},

@@ -99,6 +99,13 @@ defmodule DocumentationTest do
     Supervisor.stop(binding[:buses])
   end
 
+  test "the examples of the guide to the sensors that ship run one after the other" do
+    Process.flag(:trap_exit, true)
+    binding = run("docs/guides/sensors.md")
+    Supervisor.stop(binding[:root])
+    Supervisor.stop(binding[:buses])
+  end
+
   test "the examples of the guide to drivers run one after the other" do
     binding = run("docs/guides/drivers.md")
     Supervisor.stop(binding[:root])

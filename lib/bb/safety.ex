@@ -163,7 +163,7 @@ defmodule BB.Safety do
       BB.Safety.inhibit(robot, path, :pressed)
       BB.Safety.disarm(robot)
 
-  In this order nobody can arm it in between.
+  In this order nobody can arm it in between. See also `vouch/2`.
   """
   @spec inhibit(module(), Path.t(), reason :: term()) :: :ok
   def inhibit(robot, path, reason) do
@@ -177,6 +177,22 @@ defmodule BB.Safety do
     Table.allow(robot!(robot), Path.validate!(path))
     :ok
   end
+
+  @doc """
+  Takes back what `inhibit/3` forbade for this path, for as long as the calling process lives.
+
+  When that process ends, however it does, the path forbids arming again, with the reason `:unattended`, and a robot that is armed is
+  disarmed at once. There is no moment in between. So who watches over a robot calls this instead of `allow/2`: nobody arms the
+  robot, and it does not stay armed, while nobody watches. Its successor vouches anew. `allow/2` ends it.
+
+      BB.Safety.inhibit(robot, path, :starting)
+      …
+      BB.Safety.vouch(robot, path)
+
+  A robot that is not started becomes known by this, with the calling process in the place of its root.
+  """
+  @spec vouch(module(), Path.t()) :: :ok
+  def vouch(robot, path), do: Warden.vouch(robot!(robot), Path.validate!(path))
 
   @doc "What forbids arming: `[{path, reason}]`."
   @spec inhibitions(module()) :: [{Path.t(), reason :: term()}]

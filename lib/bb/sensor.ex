@@ -23,7 +23,8 @@ defmodule BB.Sensor do
         end
       end
 
-  and in the robot: `sensor :thermometer, {MyRobot.Thermometer, bus: "i2c-1"}`.
+  and in the robot: `sensor :thermometer, {MyRobot.Thermometer, bus: "i2c-1"}`. For a device that is asked at a rate, as this one,
+  `BB.Sensor.Polled` has all but the asking.
 
   ## Options
 

@@ -75,6 +75,7 @@ defmodule BB.Supervisor do
 
   @impl Supervisor
   def init({robot, given}) do
+    inhibit(robot)
     BB.Safety.Warden.watch(robot, :root)
 
     children = [
@@ -86,6 +87,13 @@ defmodule BB.Supervisor do
     ]
 
     Supervisor.init(children, strategy: :one_for_one)
+  end
+
+  # Before anybody can arm it.
+  defp inhibit(robot) do
+    for %{module: module, path: path} <- robot.robot().components,
+        Code.ensure_loaded?(module) and function_exported?(module, :inhibition, 0),
+        do: BB.Safety.inhibit(robot, path, module.inhibition())
   end
 
   defp values(definitions, given),

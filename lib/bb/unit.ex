@@ -184,7 +184,41 @@ defmodule BB.Unit do
   """
   @spec to_string!(t()) :: String.t()
   def to_string!(%__MODULE__{} = unit),
-    do: "#{unit.value} #{String.replace(unit.name, "-", " ")}"
+    do: "#{unit.value} #{words(unit.name)}"
+
+  @doc """
+  The type of an option of `BB.Options` that is a quantity: a number in the unit `name`, or a quantity of the same kind, which becomes
+  such a number. It is from `least` to `most`.
+
+      iex> schema = [rate: [type: BB.Unit.option(:hertz, 4, 1000)]]
+      iex> BB.Options.validate([rate: BB.Unit.new!(0.5, :kilohertz)], schema)
+      {:ok, [rate: 500.0]}
+      iex> {:error, error} = BB.Options.validate([rate: 3], schema)
+      iex> Exception.message(error)
+      "invalid value for :rate option: expected a frequency of 4 to 1000 hertz, as a number or a unit, got: 3"
+  """
+  @spec option(name(), number(), number()) :: {:custom, module(), atom(), [term()]}
+  def option(name, least, most), do: {:custom, __MODULE__, :check_option, [name, least, most]}
+
+  @doc false
+  def check_option(value, name, least, most) do
+    with {:ok, number} <- number_in(value, name), true <- number >= least and number <= most do
+      {:ok, number}
+    else
+      _ ->
+        {:error,
+         "expected #{kind(dimensions!(name))} of #{least} to #{most} #{words(name)}, as a number or a unit, got: #{inspect(value)}"}
+    end
+  end
+
+  defp number_in(%__MODULE__{} = unit, name) do
+    with {:ok, unit} <- convert(unit, name), do: {:ok, unit.value}
+  end
+
+  defp number_in(number, _name) when is_number(number), do: {:ok, number}
+  defp number_in(_other, _name), do: :error
+
+  defp words(name), do: name |> Name.normalise() |> String.replace("-", " ")
 
   defp parse_number(text) do
     case {Integer.parse(text), Float.parse(text)} do

@@ -10,7 +10,12 @@ defmodule Ganglion.Application do
     BB.Safety.Table.create()
 
     children =
-      [BB.Safety.Supervisor, {Registry, keys: :unique, name: BB.Bus.Sim.Registry}] ++
+      [
+        BB.Safety.Supervisor,
+        {Registry, keys: :unique, name: BB.Bus.Sim.Registry},
+        {Registry, keys: :unique, name: BB.Bus.Sim.GPIO.Registry},
+        BB.Bus.I2C.Supervisor
+      ] ++
         simulation(Application.get_env(:ganglion, :simulated_buses)) ++
         robot(Application.get_env(:ganglion, :robot))
 

@@ -4,7 +4,7 @@ defmodule Ganglion.Console do
 
   | look | |
   |---|---|
-  | `sensors()` | each sensor: state, rate, age of its last message |
+  | `sensors()` | each sensor: state, rate, age of its last message, and what is wrong |
   | `health()` | each component that can be down, and why it is or was |
   | `watch [:sensor, :base_link]` | what is published there, for ten seconds |
   | `topics()` | every source on the pubsub |
@@ -38,24 +38,13 @@ defmodule Ganglion.Console do
   @typedoc "What IEx does not show."
   @type printed :: :"do not show this result in output"
 
-  @doc "Each sensor: its state, how often and when it published last."
+  @doc "Each sensor: its state, its rate and the one it declares, the age of its last message, and below it what is or was wrong with it."
   @spec sensors(module()) :: printed()
   def sensors(robot \\ robot()) do
-    table(~w(sensor state Hz messages age restarts), fn ->
-      heard = for topic <- PubSub.topics(robot), into: %{}, do: {topic.path, topic}
-
-      for row <- Sensor.health(robot) do
-        topic = heard[[:sensor | row.path]]
-
-        [
-          row.name,
-          row.state,
-          topic && topic.rate_hz,
-          topic && topic.count,
-          age(topic),
-          row.restarts
-        ]
-      end
+    safely(fn ->
+      rows = Sensor.health(robot)
+      print(~w(sensor state Hz declared age restarts), Enum.map(rows, &sensor_row/1))
+      for row <- rows, do: IO.write(Table.trouble(row))
     end)
   end
 
@@ -74,7 +63,13 @@ defmodule Ganglion.Console do
   def topics(robot \\ robot()) do
     table(~w(path payload Hz messages age), fn ->
       for topic <- PubSub.topics(robot),
-          do: [path(topic.path), short(topic.type), topic.rate_hz, topic.count, age(topic)]
+          do: [
+            path(topic.path),
+            short(topic.type),
+            topic.rate_hz,
+            topic.count,
+            Table.age(topic.age_ns)
+          ]
     end)
   end
 
@@ -185,15 +180,13 @@ defmodule Ganglion.Console do
 
   # Rows
 
-  defp why(%{reason: nil, last_error: nil}), do: nil
-  defp why(%{reason: nil} = row), do: "was: " <> explain(row, row.last_error)
-  defp why(row), do: explain(row, row.reason)
+  defp sensor_row(row) do
+    [row.name, row.state, row.rate_hz, row.declared_hz, Table.age(row.age_ns), row.restarts]
+  end
 
-  defp explain(row, reason), do: Sensor.explain(row.module, reason)
-
-  defp age(nil), do: nil
-  defp age(%{age_ns: ns}) when ns < 10_000_000_000, do: "#{div(ns, 1_000_000)} ms"
-  defp age(%{age_ns: ns}), do: "#{div(ns, 1_000_000_000)} s"
+  defp why(%{error: nil}), do: nil
+  defp why(%{reason: nil} = row), do: "was: " <> row.error
+  defp why(row), do: row.error
 
   defp path(path), do: Enum.map_join(path, "/", &to_string/1)
   defp short(module), do: module |> inspect() |> String.replace_prefix("BB.Message.", "")
@@ -290,13 +283,11 @@ defmodule Ganglion.Console do
     do: IO.puts(Table.cut("refused, #{inspect(robot)}: #{reason}"))
 
   defp table(header, fun) do
-    safely(fn ->
-      case fun.() do
-        [] -> IO.puts("none")
-        rows -> IO.write(Table.render(header, rows))
-      end
-    end)
+    safely(fn -> print(header, fun.()) end)
   end
+
+  defp print(_header, []), do: IO.puts("none")
+  defp print(header, rows), do: IO.write(Table.render(header, rows))
 
   defp safely(fun) do
     _ = fun.()

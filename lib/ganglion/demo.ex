@@ -1,21 +1,22 @@
 defmodule Ganglion.Demo do
   @moduledoc """
-  The demonstration behind `bin/demo`: the robot that ships, on simulated buses, watched for a while.
+  The demonstration behind `bin/demo`: the robot that ships, or the one with all drivers, on simulated buses, watched for a while.
 
-  It starts the simulated bus and `Ganglion.Robot`, subscribes to everything that the robot publishes, and each second shows what came. SIGTERM
+  It starts the simulated buses and the robot, subscribes to everything that the robot publishes, and each second shows what came. SIGTERM
   (which `bin/demo` makes of Ctrl-C) and the end of the time stop the robot in order; then comes the summary.
   """
 
   alias BB.Bus.Sim
-  alias Ganglion.Demo.{LogTail, Observation, Options, Report, Signals}
+  alias Ganglion.Demo.{LogTail, Observation, Options, Processor, Report, Signals}
   alias Ganglion.{Json, Robot}
+  alias Ganglion.Robots.All
 
   @topics ~w(camera imu tags)
   @carriers [:imu_outlet, :tags_inlet]
   @imu_address 0x68
   @log_lines 5
 
-  defstruct [:options, :started, :screen?, :robot, :observation, log: []]
+  defstruct [:options, :started, :screen?, :robot, :observation, :processor, log: []]
 
   @doc "Runs the demonstration with the arguments of the command line and ends the VM with its exit status."
   @spec main([String.t()]) :: no_return()
@@ -52,16 +53,12 @@ defmodule Ganglion.Demo do
     screen? = not options.json and System.get_env("GANGLION_TERMINAL") == "1"
     if screen?, do: LogTail.attach(self())
 
-    {:ok, _} =
-      Sim.start_link(
-        buses: %{"i2c-1" => [devices: %{@imu_address => {Sim.Mpu6050, source: imu}}]}
-      )
+    {:ok, _} = start_world(options.robot, imu)
+    before = Observation.new(topics(options.robot), now())
 
-    before = Observation.new(topics(), now())
-
-    case Robot.start_link() do
+    case options.robot.start_link() do
       {:ok, robot} ->
-        {:ok, _} = BB.subscribe(Robot, [:sensor])
+        {:ok, _} = BB.subscribe(options.robot, [:sensor])
 
         {:ok,
          %__MODULE__{
@@ -69,13 +66,22 @@ defmodule Ganglion.Demo do
            robot: robot,
            started: now(),
            screen?: screen?,
-           observation: before
+           observation: before,
+           processor: Processor.start()
          }}
 
       {:error, reason} ->
         {:error, sentence(reason)}
     end
   end
+
+  defp start_world(All, _imu), do: All.World.start_link()
+
+  defp start_world(Robot, imu),
+    do:
+      Sim.start_link(
+        buses: %{"i2c-1" => [devices: %{@imu_address => {Sim.Mpu6050, source: imu}}]}
+      )
 
   # The loop: messages as they come, a look each second, until the time is over or somebody stops it.
 
@@ -110,12 +116,13 @@ defmodule Ganglion.Demo do
   end
 
   defp observe_topics(demo) do
-    Enum.reduce(topics(), demo, fn info, demo ->
+    Enum.reduce(topics(demo.options.robot), demo, fn info, demo ->
       observe(demo, &Observation.topic(&1, info, now()))
     end)
   end
 
-  defp topics, do: for(topic <- @topics, {:ok, info} <- [BB.Ring.info(topic)], do: info)
+  defp topics(Robot), do: for(topic <- @topics, {:ok, info} <- [BB.Ring.info(topic)], do: info)
+  defp topics(_robot), do: []
 
   defp finish(demo) do
     demo = observe_topics(demo)
@@ -148,20 +155,24 @@ defmodule Ganglion.Demo do
   defp view(demo) do
     %{
       observation: demo.observation,
-      health: Enum.sort_by(BB.Sensor.health(Robot), & &1.name),
+      health: Enum.sort_by(BB.Sensor.health(demo.options.robot), & &1.name),
       carried:
         for(
-          name <- @carriers,
-          {:ok, stats} <- [BB.Handoff.stats(Robot, name)],
+          name <- carriers(demo.options.robot),
+          {:ok, stats} <- [BB.Handoff.stats(demo.options.robot, name)],
           into: %{},
           do: {name, stats}
         ),
-      topic_of: &Robot.topic/1,
+      topic_of: if(demo.options.robot == Robot, do: &Robot.topic/1, else: fn _ -> nil end),
+      processor: Processor.share(demo.processor),
       seconds: (now() - demo.started) / 1.0e9,
       now: now(),
       log: Enum.reverse(demo.log)
     }
   end
+
+  defp carriers(Robot), do: @carriers
+  defp carriers(_robot), do: []
 
   defp now, do: System.monotonic_time(:nanosecond)
 

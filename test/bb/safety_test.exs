@@ -596,6 +596,126 @@ defmodule BB.SafetyTest do
     end
   end
 
+  describe "vouch/2" do
+    test "takes back what inhibits arming while its process lives, and not a moment longer" do
+      robot = bare()
+      :ok = Safety.inhibit(robot, [:estop], :starting)
+      watcher = watcher(robot, [:estop])
+      assert Safety.inhibitions(robot) == []
+      assert Safety.arm(robot) == :ok
+      :ok = Safety.disarm(robot)
+      kill(watcher)
+      assert Safety.inhibitions(robot) == [{[:estop], :unattended}]
+      assert Safety.arm(robot) == {:error, {:inhibited, [{[:estop], :unattended}]}}
+    end
+
+    test "disarms an armed robot when its process ends, however it does" do
+      for reason <- [:kill, :shutdown] do
+        robot = bare()
+        watcher = watcher(robot, [:estop])
+        :ok = Safety.arm(robot)
+        Process.exit(watcher, reason)
+        assert eventually(fn -> Safety.state(robot) == :disarmed end)
+        assert Brake.runs(robot, @a) == 1
+      end
+    end
+
+    test "of a successor counts, and the end of who vouched before it does not" do
+      robot = bare()
+      first = watcher(robot, [:estop])
+      second = watcher(robot, [:estop])
+      :ok = Safety.arm(robot)
+      kill(first)
+      :sys.get_state(warden(robot))
+      assert Safety.armed?(robot)
+      kill(second)
+      assert eventually(fn -> Safety.state(robot) == :disarmed end)
+    end
+
+    test "disarms too when its process forbade arming before it ended" do
+      robot = bare()
+      watcher = watcher(robot, [:estop])
+      :ok = Safety.arm(robot)
+      :ok = Safety.inhibit(robot, [:estop], :pressed)
+      assert Safety.armed?(robot)
+      kill(watcher)
+      assert eventually(fn -> Safety.state(robot) == :disarmed end)
+      assert Safety.arm(robot) == {:error, {:inhibited, [{[:estop], :pressed}]}}
+    end
+
+    test "is over with allow/2, and the process may end without consequence" do
+      robot = bare()
+      watcher = watcher(robot, [:estop])
+      :ok = Safety.allow(robot, [:estop])
+      :ok = Safety.arm(robot)
+      kill(watcher)
+      :sys.get_state(warden(robot))
+      assert Safety.armed?(robot)
+    end
+
+    test "holds over a crash of the safety process" do
+      robot = start_with_brakes()
+      watcher = watcher(robot, [:estop])
+      :ok = Safety.arm(robot)
+      kill(warden(robot))
+      assert eventually(fn -> warden(robot) end)
+      assert Safety.armed?(robot)
+      kill(watcher)
+      assert eventually(fn -> Safety.state(robot) == :disarmed end)
+    end
+
+    defp watcher(robot, path) do
+      test = self()
+
+      watcher =
+        spawn(fn ->
+          :ok = Safety.vouch(robot, path)
+          send(test, {:vouched, self()})
+          Process.sleep(:infinity)
+        end)
+
+      assert_receive {:vouched, ^watcher}, 5_000
+      watcher
+    end
+  end
+
+  describe "a component with inhibition/0" do
+    defmodule Watcher do
+      @moduledoc "Says that the robot may be armed when it is told to."
+      use BB.Sensor
+
+      @impl BB.Sensor
+      def inhibition, do: :not_watched
+
+      @impl BB.Sensor
+      def init(opts), do: {:ok, opts[:bb]}
+
+      @impl BB.Sensor
+      def handle_call(:vouch, _from, bb), do: {:reply, Safety.vouch(bb.robot, bb.path), bb}
+    end
+
+    test "keeps its robot from being armed until it says otherwise" do
+      robot =
+        robot do
+          topology do
+            link :base do
+              sensor :watcher, BB.SafetyTest.Watcher
+            end
+          end
+        end
+
+      start_supervised!(robot)
+      refused = {:error, {:inhibited, [{[:base, :watcher], :not_watched}]}}
+      assert Safety.arm(robot) == refused
+      assert eventually(fn -> BB.Process.whereis(robot, :watcher) != :undefined end)
+      :ok = BB.call(robot, :watcher, :vouch)
+      assert Safety.arm(robot) == :ok
+      stop_supervised!(robot)
+      start_supervised!(robot)
+      assert Safety.arm(robot) == refused
+    end
+  end
+
   describe "arming and disarming by many at once" do
     test "lets one of them at a time, and runs each handler once a disarming" do
       robot = bare([@a, @b])

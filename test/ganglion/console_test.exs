@@ -63,7 +63,8 @@ defmodule Ganglion.ConsoleTest do
 
   test "sensors and health show each sensor and why it is down", %{robot: robot} do
     BB.publish(robot, [:sensor, :base_link, :range], range())
-    assert shown(fn -> Console.sensors(robot) end) =~ ~r/range +up +\d+\.\d +1 +\d+ ms +0/
+    assert shown(fn -> Console.sensors(robot) end) =~ ~r/range +up +\d+\.\d +- +\d+ ms +0/
+    assert shown(fn -> Console.sensors(robot) end) =~ ~r/\nquiet: {:a_very_long_reason,\n/
     health = shown(fn -> Console.health(robot) end)
     assert health =~ ~r/quiet +no +backoff +\d+ +{:a_very_long/
     assert health =~ ~r/range +yes +up/

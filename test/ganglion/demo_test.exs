@@ -25,6 +25,8 @@ defmodule Ganglion.DemoTest do
             {~w(extra), ["extra", "--seconds N"]},
             {~w(--seconds 0), ["from 1 up", "got: 0"]},
             {~w(--seconds soon), ["whole number", "got: soon"]},
+            {~w(--robot none), ["ganglion or all", "got: none"]},
+            {~w(--robot all --imu walk.csv), ["--imu", "ganglion alone"]},
             {~w(--imu), ["--imu", "nothing"]},
             {~w(--imu missing.csv), [Path.join(dir, "missing.csv")]},
             {~w(--frames missing), [Path.join(dir, "missing")]}
@@ -69,7 +71,9 @@ defmodule Ganglion.DemoTest do
           path: [:base, :bumper],
           state: :up,
           restarts: 0,
-          reason: nil
+          reason: nil,
+          declared_hz: 1,
+          error: nil
         },
         %{
           name: :camera,
@@ -77,7 +81,9 @@ defmodule Ganglion.DemoTest do
           path: [:camera],
           state: :backoff,
           restarts: 2,
-          reason: {:exit_status, 1}
+          reason: {:exit_status, 1},
+          declared_hz: nil,
+          error: "the program ended with status 1"
         }
       ]
 
@@ -85,6 +91,7 @@ defmodule Ganglion.DemoTest do
         observation: observation,
         health: health,
         carried: %{inlet: %{published: 1, lost: 0, malformed: 2}},
+        processor: 0.123,
         topic_of: &if(&1 == :camera, do: "camera"),
         seconds: 4.0,
         now: 4 * second,
@@ -98,8 +105,11 @@ defmodule Ganglion.DemoTest do
       view: view
     } do
       assert %{bumper: bumper, camera: camera} = Report.summary(view).sensors
-      assert bumper == %{state: :up, published: 3, hz: 1.0, restarts: 0}
-      assert %{state: :backoff, published: 40, restarts: 2} = camera
+
+      assert %{state: :up, published: 3, hz: 1.0, declared_hz: 1, restarts: 0, error: nil} =
+               bumper
+
+      assert %{state: :backoff, published: 40, restarts: 2, error: "the program" <> _} = camera
     end
 
     test "has frames, latency, and what the ring lost for all its readers", %{view: view} do
@@ -110,15 +120,17 @@ defmodule Ganglion.DemoTest do
 
     test "of a robot that has published nothing is all zeros", %{view: view} do
       summary = Report.summary(%{view | observation: Observation.new([], 0), carried: %{}})
-      assert summary.sensors.bumper == %{state: :up, published: 0, hz: 0.0, restarts: 0}
+      assert %{state: :up, published: 0, hz: 0.0, restarts: 0} = summary.sensors.bumper
+      assert summary.cpu_percent == 12.3
       assert summary.vision == %{frames: 0, detections: 0, p50_us: nil, p99_us: nil}
       assert summary |> Ganglion.Json.encode() |> IO.iodata_to_binary() =~ ~s("p50_us":null)
     end
 
     test "the screen shows states, reasons and the log", %{view: view} do
       screen = IO.iodata_to_binary(Report.screen(view))
-      assert screen =~ ~r/bumper +up/
-      assert screen =~ ~r/camera +backoff.*ended with status 1/
+      assert screen =~ ~r/bumper +up +1\.0 +1 +1000 ms/
+      assert screen =~ ~r/camera +backoff.*\ncamera: the program ended with status 1/
+      for line <- String.split(screen, "\n"), do: assert(String.length(line) <= 80)
       assert screen =~ "[info] a line"
     end
   end
@@ -128,7 +140,7 @@ defmodule Ganglion.DemoTest do
 
     test "tells how it is used" do
       assert {text, 0} = System.cmd(@demo, ["--help"])
-      for option <- ~w(--seconds --imu --frames --json), do: assert(text =~ option)
+      for option <- ~w(--seconds --robot --imu --frames --json), do: assert(text =~ option)
     end
   end
 end

@@ -5,12 +5,17 @@ defmodule BB.Component.Health do
   """
 
   alias BB.Component
-  alias BB.Component.Condition
+  alias BB.Component.{Condition, Pace, Reason}
 
   @typedoc """
-  One component. `pid` is `nil` while it is down; `reason` says why it is not up, and `last_error` is the latest such reason, also
-  after it is up again (`nil` when there was none since its keeper was started); `since` is the monotonic time in
-  nanoseconds at which it entered its state; `restarts` counts since the robot was started.
+  One component:
+
+    * `state`, and `since`, the monotonic time in nanoseconds at which it entered that
+    * `pid`, `nil` while it is down; `restarts` since the robot was started; `retry_in_ms` as it was when it went down
+    * `reason`: why it is not up; `last_error`: the latest such reason, also after it is up again, `nil` when there was none; `error`: the last error in the words of its module
+    * `rate_hz`: messages a second on its path, over the last sixteen, falling once the next is overdue; `nil` before the first, and of what publishes elsewhere
+    * `declared_hz`: messages a second as the module says for its options (`c:BB.Sensor.rate/1`), `nil` where it does not
+    * `age_ns`: how old its last message is, `nil` before the first
   """
   @type row :: %{
           name: atom(),
@@ -22,6 +27,10 @@ defmodule BB.Component.Health do
           restarts: non_neg_integer(),
           reason: term(),
           last_error: term(),
+          error: String.t() | nil,
+          rate_hz: float() | nil,
+          declared_hz: number() | nil,
+          age_ns: integer() | nil,
           retry_in_ms: pos_integer() | nil,
           since: integer()
         }
@@ -31,10 +40,18 @@ defmodule BB.Component.Health do
   def list(robot, kind) do
     registry = started!(robot)
     module = BB.Process.registry_module(robot)
+    heard = Pace.heard(robot)
 
-    for %{kind: ^kind} = component <- robot.robot().components,
-        do: row(module, registry, component)
+    for %{kind: ^kind} = component <- robot.robot().components do
+      module
+      |> row(registry, component)
+      |> put_error()
+      |> Map.merge(Pace.of(robot, component, heard))
+    end
   end
+
+  defp put_error(%{last_error: nil} = row), do: Map.put(row, :error, nil)
+  defp put_error(row), do: Map.put(row, :error, Reason.words(row.last_error, row.module))
 
   @doc """
   Enters a keeper's row, for as long as the calling process lives. `{:error, pid}` while a keeper that was killed has not ended yet.

@@ -15,7 +15,7 @@ defmodule BB.Component.Kind do
       unquote(starting())
       unquote(serving())
 
-      @optional_callbacks disarm: 1, explain: 1
+      @optional_callbacks disarm: 1, explain: 1, inhibition: 0, rate: 1
 
       @doc false
       defmacro __using__(opts), do: BB.Component.Callbacks.code(__MODULE__, opts)
@@ -59,6 +59,12 @@ defmodule BB.Component.Kind do
       @callback disarm(opts :: keyword()) :: :ok | {:error, term()}
 
       @doc """
+      Why the robot may not be armed before this component says that it may, by `BB.Safety.vouch/2` or `BB.Safety.allow/2`: for what
+      watches over the robot. It is in force before anything of the robot runs.
+      """
+      @callback inhibition() :: reason :: term()
+
+      @doc """
       Takes on new options, checked as those of `init/1`, when a parameter to which they refer has changed. By default they
       change nothing.
       """
@@ -70,6 +76,12 @@ defmodule BB.Component.Kind do
       Reasons that it has no clause for are shown as terms.
       """
       @callback explain(reason :: term()) :: String.t()
+
+      @doc """
+      How many messages a second it publishes on its path when all is well, with the options that `init/1` gets; `nil` where
+      that is not to be said. Health shows it beside what is measured.
+      """
+      @callback rate(opts :: keyword()) :: number() | nil
     end
   end
 

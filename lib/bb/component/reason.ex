@@ -40,6 +40,7 @@ defmodule BB.Component.Reason do
     explains? = Code.ensure_loaded?(module) and function_exported?(module, :explain, 1)
     if explains?, do: module.explain(reason), else: inspect(reason)
   rescue
-    FunctionClauseError -> inspect(reason)
+    # It has no words for it, or is wrong itself: who asks how all sensors fare must not suffer from one.
+    _error -> inspect(reason)
   end
 end

@@ -75,6 +75,7 @@ defmodule BB.Safety.Announcer do
 
   defp part(:root), do: "root supervisor"
   defp part(:topology), do: "topology supervisor"
+  defp part({:voucher, path}), do: "#{inspect(path)}, which watches over it,"
 
   defp publish(robot, from, to) do
     PubSub.publish(

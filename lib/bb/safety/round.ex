@@ -21,7 +21,7 @@ defmodule BB.Safety.Round do
           cause: cause()
         }
 
-  @type cause :: :requested | :shutdown | {:root | :topology, :ended}
+  @type cause :: :requested | :shutdown | {:root | :topology | {:voucher, [atom()]}, :ended}
 
   @typedoc "Why a handler failed."
   @type error ::

@@ -6,7 +6,7 @@ defmodule BB.Safety.Table do
   none of our code after its start.
 
     * `BB.Safety.Records` - `{robot, state, epoch, record}`, written by the robot's warden only
-    * `BB.Safety.Entries` - `{{:handler, robot, path}, owner, module, opts, id}`, `{{:inhibition, robot, path}, reason}` and
+    * `BB.Safety.Entries` - `{{:handler, robot, path}, owner, module, opts, id}`, `{{:inhibition, robot, path}, reason, voucher}` and
       `{{:run, robot, round, n}, holder, outcome, handler}`
   """
 
@@ -113,7 +113,18 @@ defmodule BB.Safety.Table do
   @doc "Keeps what inhibits arming, for a path."
   @spec inhibit(module(), [atom()], term()) :: true
   def inhibit(robot, path, reason),
-    do: :ets.insert(@entries, {{:inhibition, robot, path}, reason})
+    do: :ets.insert(@entries, {{:inhibition, robot, path}, reason, :nobody})
+
+  @doc "Keeps that a path inhibits nothing while a process lives, and from its end on does."
+  @spec vouch(module(), [atom()], pid()) :: true
+  def vouch(robot, path, pid),
+    do: :ets.insert(@entries, {{:inhibition, robot, path}, :unattended, pid})
+
+  @doc "The processes that vouch for paths."
+  @spec vouchers(module()) :: [{[atom()], pid()}]
+  def vouchers(robot) do
+    for {{_, _, path}, _reason, pid} when is_pid(pid) <- inhibition_rows(robot), do: {path, pid}
+  end
 
   @doc "Removes it."
   @spec allow(module(), [atom()]) :: true
@@ -122,9 +133,17 @@ defmodule BB.Safety.Table do
   @doc "What inhibits arming, by path."
   @spec inhibitions(module()) :: [{[atom()], term()}]
   def inhibitions(robot) do
-    for {{_, _, path}, reason} <- :ets.match_object(@entries, {{:inhibition, robot, :_}, :_}),
+    for {{_, _, path}, reason, voucher} <- inhibition_rows(robot),
+        voucher == :nobody or not Process.alive?(voucher),
         do: {path, reason}
   end
+
+  @doc "Whether anything is kept for a path: that it inhibits arming, or that a process vouches for it."
+  @spec watched?(module(), [atom()]) :: boolean()
+  def watched?(robot, path), do: :ets.member(@entries, {:inhibition, robot, path})
+
+  defp inhibition_rows(robot),
+    do: :ets.match_object(@entries, {{:inhibition, robot, :_}, :_, :_})
 
   # Runs
 

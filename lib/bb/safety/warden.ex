@@ -21,7 +21,7 @@ defmodule BB.Safety.Warden do
   @enforce_keys [:record]
   defstruct [:record, :deadline, watched: %{}, runs: %{}, waiting: []]
 
-  @type role :: Record.role() | :component
+  @type role :: Record.role() | :component | {:voucher, [atom()]}
 
   # What others ask
 
@@ -38,6 +38,14 @@ defmodule BB.Safety.Warden do
       do: raise("BB.Safety is not running: start the application :ganglion before a robot")
 
     persist(fn _attempt -> watched_by(robot, role, self()) end)
+  end
+
+  @doc "Has the calling process vouch for a path: from its end on that path inhibits arming, and an armed robot is disarmed."
+  @spec vouch(module(), [atom()]) :: :ok
+  def vouch(robot, path) do
+    unless Table.known?(robot), do: watch(robot, :component)
+    pid = self()
+    persist(fn _attempt -> GenServer.call(name(robot), {:vouch, path, pid}, :infinity) end)
   end
 
   @doc "Arms the robot."
@@ -146,7 +154,14 @@ defmodule BB.Safety.Warden do
     for role <- [:root, :topology], pid = Map.fetch!(record, role), reduce: warden do
       warden -> monitor(warden, role, pid)
     end
+    |> watch_vouchers()
     |> run()
+  end
+
+  defp watch_vouchers(warden) do
+    for {path, pid} <- Table.vouchers(warden.record.robot), reduce: warden do
+      warden -> monitor(warden, {:voucher, path}, pid)
+    end
   end
 
   @impl GenServer
@@ -155,6 +170,12 @@ defmodule BB.Safety.Warden do
   @impl GenServer
   def handle_call({:watch, role, pid}, _from, warden),
     do: {:reply, :ok, watch_role(warden, role, pid)}
+
+  def handle_call({:vouch, path, pid}, _from, %{record: record} = warden) do
+    warden = warden |> unwatched({:voucher, path}) |> monitor({:voucher, path}, pid)
+    Table.vouch(record.robot, path, pid)
+    {:reply, :ok, warden}
+  end
 
   def handle_call({:arm, ref, seen}, _from, %{record: record} = warden) do
     epoch = System.unique_integer([:positive, :monotonic])
@@ -202,6 +223,7 @@ defmodule BB.Safety.Warden do
   def handle_info({:DOWN, ref, :process, _pid, _reason}, warden) do
     case Map.pop(warden.watched, ref) do
       {nil, _} -> noreply(warden)
+      {{:voucher, path}, watched} -> noreply(unvouched(%{warden | watched: watched}, path))
       {role, watched} -> noreply(lost(%{warden | watched: watched}, role))
     end
   end
@@ -255,6 +277,13 @@ defmodule BB.Safety.Warden do
   defp lost(warden, role) do
     warden = disarm(warden, nil, @timeout_ms, {role, :ended})
     become(warden, Map.put(warden.record, role, nil))
+  end
+
+  # Somebody may have said meanwhile that nobody need watch.
+  defp unvouched(warden, path) do
+    if Table.watched?(warden.record.robot, path),
+      do: disarm(warden, nil, @timeout_ms, {{:voucher, path}, :ended}),
+      else: warden
   end
 
   # Disarming

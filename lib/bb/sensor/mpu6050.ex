@@ -1,19 +1,12 @@
 defmodule BB.Sensor.Mpu6050 do
-  alias BB.Sensor.Mpu6050.Registers
+  alias BB.Sensor.Mpu6050.{Chip, DataReady, Registers}
 
-  @rates_hz 4..1000
-
-  @schema [
-    bus: [type: :string, required: true, doc: "The I2C bus, such as `\"i2c-1\"`."],
-    address: [
-      type: {:in, [0x68, 0x69]},
-      default: 0x68,
-      doc: "0x68, or 0x69 where the pin AD0 is high."
-    ],
-    rate: [
-      type: {:custom, __MODULE__, :check_rate, []},
-      default: 100,
-      doc: "Readings a second: a number or a unit of frequency, 4 Hz to 1 kHz."
+  @own [
+    model: [
+      type: {:in, [nil | Registers.models()]},
+      default: nil,
+      doc:
+        "`:mpu6050`, `:mpu6500` or `:mpu9250`, and no other; when `nil`, whichever of them it is."
     ],
     accel_range: [
       type: {:in, Registers.accel_ranges()},
@@ -32,28 +25,27 @@ defmodule BB.Sensor.Mpu6050 do
       doc:
         "The low-pass filter's bandwidth in Hz: 5, 10, 20, 44, 94, 184, or 260 for none. Keep it below half the rate."
     ],
-    timeout: [
-      type: :pos_integer,
-      default: 20,
-      doc:
-        "How long a transfer may hold the bus, in milliseconds; the kernel counts in steps of 10."
-    ],
-    frame_id: [
-      type: {:or, [:atom, nil]},
-      default: nil,
-      doc: "The messages' frame; the sensor's name when `nil`."
-    ],
-    i2c: [
-      type: {:or, [:module, nil]},
-      default: nil,
-      doc: "The bus's module; when `nil`, that of `BB.Bus.I2C.module/1`."
+    fifo: [
+      type: :boolean,
+      default: false,
+      doc: "Whether samples wait in the chip's FIFO until they are read; needs `:interrupt`."
     ]
   ]
 
+  @schema BB.Bus.I2C.Device.options(
+            address: [0x68, 0x69],
+            default: 0x68,
+            doc: "0x68, or 0x69 where the pin AD0 is high."
+          ) ++
+            BB.Sensor.Polled.options(rate: {4, 1000}, default: 100) ++
+            @own ++ DataReady.options()
+
   @moduledoc """
-  The InvenSense MPU-6050: acceleration and rotation in three axes, on I2C.
+  The InvenSense MPU-6050, and its successors MPU-6500 and MPU-9250: acceleration and rotation in three axes, on I2C.
 
       sensor :imu, {BB.Sensor.Mpu6050, bus: "i2c-1", rate: ~u(200 hertz), filter: 94}
+
+      sensor :imu, {BB.Sensor.Mpu6050, bus: "i2c-1", rate: ~u(1 kilohertz), filter: 184, interrupt: {"gpiochip0", 4}, fifo: true}
 
   Publishes `BB.Message.Sensor.Imu` in the chip's axes: m/s² and rad/s. The chip does not know its orientation, so that is the
   identity with `BB.Math.Covariance3.unavailable/0`, as ROS has it; the other covariances are `nil`, unknown.
@@ -63,158 +55,89 @@ defmodule BB.Sensor.Mpu6050 do
   #{BB.Options.docs(@schema)}
 
   ## Rates
-  The message rate is exactly `rate`, kept by `BB.Loop`. The chip itself samples at 1000 Hz (8000 Hz with the filter 260) divided
+  Without `interrupt:` the message rate is exactly `rate`, kept by `BB.Loop`. The chip itself samples at 1000 Hz (8000 Hz with the filter 260) divided
   by 1 to 256, and is set to the slowest such rate that is not below `rate`: 100 Hz for 100 Hz, 333.3 Hz for 300 Hz. What is
   published is the chip's latest sample at the time of reading, at most one of its periods old. The two clocks are not one, so at
   equal rates a sample may be left out or be read twice once in a while; a rate that the chip exceeds has no such doubles.
 
+  ## Each sample, with its own time
+  With `interrupt:` the chip sets the pace. Its pin INT, wired to that line, tells of each sample, and the message of a sample has the time at
+  which the kernel saw the edge, put on the robot's clock (`BB.Sensor.Mpu6050.Stamps`). The message rate is then the chip's own rate, the slowest that
+  is not below `rate`, by the chip's clock. A sample that is not read before the next one comes is left out.
+
+  With `fifo: true` too none is: samples wait in the chip, for up to 73 ms at 1 kHz (36 ms in the successors). If that is not enough the sensor stops with
+  the reason `:overflow`, and begins anew. A reading costs two short transfers more, and reads all samples that wait.
+
+  No edge at all, at the start or for three looks (which are 50 ms apart, or two samples), is the reason `:no_interrupt`.
+
   ## What goes wrong
-  A reading is published when it was read, or not at all. After three failed readings in a row the sensor stops, with a
-  `t:reason/0`, and is started again as its robot's supervision says. A chip that lost its power for a moment is asleep and shows
-  zeros: that is noticed, and the sensor stops at once to set it up again. `explain/1` puts a reason in words.
+  A reading is published when it was read, or not at all. After three failed readings in a row the sensor stops, with a reason of
+  `t:BB.Sensor.Mpu6050.DataReady.reason/0`, and is started again as its robot's supervision says. A chip that lost its power for a moment has
+  forgotten its settings: each reading looks for one of them, and the sensor stops at once to set it up again.
 
   Starting identifies and resets the chip, waits 100 ms, wakes it, sets it and reads the settings back, and waits 30 ms until the
   gyroscope has settled. The sensor is up when that is done, and the first reading follows within a period.
 
-  With one sensor a tick costs one transfer of 14 bytes: 0.4 ms at 400 kHz.
+  With one sensor a tick costs one transfer of 18 bytes: 0.5 ms at 400 kHz.
   """
 
-  use BB.Sensor, options_schema: @schema
+  use BB.Sensor.Polled, options_schema: @schema
 
-  alias BB.{Loop, Message}
+  alias BB.Bus.I2C.Device
+  alias BB.Clock
   alias BB.Math.{Covariance3, Quaternion, Vec3}
+  alias BB.Message
   alias BB.Message.Sensor.Imu
-  alias BB.Sensor.Mpu6050.Chip
+  alias BB.Sensor.Polled
 
-  @most_failures 3
-
-  @typedoc """
-  Why the sensor does not work; bus, then address:
-
-  - `:no_answer`: nobody acknowledges the address;
-  - `:timeout`: a transfer held the bus for its whole timeout;
-  - `:bus_not_found`: there is no such bus;
-  - `:wrong_chip`: WHO_AM_I is `found` instead of `expected`;
-  - `:not_configured`: the chip did not keep its settings when they were written;
-  - `:restarted`: it was reset or lost its power while in use;
-  - `:bus`: another error of the bus, as the bus's module gave it.
-  """
-  @type reason ::
-          {:no_answer, String.t(), byte()}
-          | {:timeout, String.t(), byte()}
-          | {:bus_not_found, String.t()}
-          | {:wrong_chip, String.t(), byte(), found :: byte(), expected :: byte()}
-          | {:not_configured, String.t(), byte()}
-          | {:restarted, String.t(), byte()}
-          | {:bus, String.t(), byte(), error :: term()}
-
-  @doc """
-  A reason in a sentence that says what to look at.
-
-      iex> BB.Sensor.Mpu6050.explain({:no_answer, "i2c-1", 0x68})
-      "no answer at 0x68 on i2c-1: check wiring and power"
-      iex> BB.Sensor.Mpu6050.explain({:wrong_chip, "i2c-1", 0x68, 0x70, 0x68})
-      "the chip at 0x68 on i2c-1 identifies itself as 0x70, an MPU-6050 as 0x68: check the part and the address"
-  """
-  @impl BB.Sensor
-  @spec explain(reason()) :: String.t()
-  def explain({:no_answer, bus, address}),
-    do: "no answer at #{place(bus, address)}: check wiring and power"
-
-  def explain({:timeout, bus, address}),
-    do:
-      "a transfer with #{place(bus, address)} did not end in time: check pull-ups, wiring and the other devices on the bus"
-
-  def explain({:bus_not_found, bus}),
-    do: "there is no bus #{bus}: check its name, and that it is enabled"
-
-  def explain({:wrong_chip, bus, address, found, expected}),
-    do:
-      "the chip at #{place(bus, address)} identifies itself as #{hex(found)}, an MPU-6050 as #{hex(expected)}: " <>
-        "check the part and the address"
-
-  def explain({:not_configured, bus, address}),
-    do:
-      "the chip at #{place(bus, address)} did not keep its settings: check its power and for a second device at the address"
-
-  def explain({:restarted, bus, address}),
-    do:
-      "the chip at #{place(bus, address)} was reset or lost its power while in use: check its supply"
-
-  def explain({:bus, bus, address, error}),
-    do:
-      "a transfer with #{place(bus, address)} failed with #{inspect(error)}: look at the kernel's log"
-
-  defp place(bus, address), do: "#{hex(address)} on #{bus}"
-  defp hex(byte), do: "0x" <> String.pad_leading(Integer.to_string(byte, 16), 2, "0")
-
-  @doc false
-  def check_rate(rate) do
-    with {:ok, hz} <- hertz(rate), true <- hz >= @rates_hz.first and hz <= @rates_hz.last do
-      {:ok, hz}
-    else
-      _ ->
-        {:error,
-         "expected a rate of #{@rates_hz.first} to #{@rates_hz.last} Hz, as a number or a unit, got: #{inspect(rate)}"}
-    end
-  end
-
-  defp hertz(%BB.Unit{} = rate) do
-    with {:ok, %{value: hz}} <- BB.Unit.convert(rate, "hertz"), do: {:ok, hz}
-  end
-
-  defp hertz(rate) when is_number(rate), do: {:ok, rate}
-  defp hertz(_), do: :error
+  require DataReady
 
   @impl BB.Sensor
-  def init(opts) do
-    case start(opts) do
-      {:ok, sensor} -> {:ok, sensor}
-      {:error, reason} -> {:stop, reason}
-    end
-  end
+  def explain(:fifo_without_interrupt),
+    do: "fifo: true needs interrupt: set it to the line that the pin INT is wired to"
+
+  def explain(reason) when DataReady.is_reason(reason), do: DataReady.explain(reason)
+  def explain(reason), do: Device.explain(reason)
 
   @impl BB.Sensor
-  def handle_options(opts, sensor) do
-    stop(sensor)
-    init(opts)
+  def rate(opts) do
+    if opts[:interrupt], do: sample_rate_hz(opts), else: opts[:rate]
   end
 
-  @impl BB.Sensor
-  def handle_info(:tick, sensor), do: tick(sensor)
-  def handle_info(_late, sensor), do: {:noreply, sensor}
-
-  @impl BB.Sensor
-  def terminate(_reason, sensor), do: stop(sensor)
-
-  # Starting and stopping.
-
-  defp start(opts) do
-    with {:ok, chip} <- open(opts) do
-      case begin(chip) do
-        :ok -> {:ok, new(chip, opts)}
-        error -> close(chip, error)
-      end
-    end
+  @impl BB.Sensor.Polled
+  def pace(opts) do
+    if opts[:interrupt], do: DataReady.looks_hz(sample_rate_hz(opts)), else: opts[:rate]
   end
 
-  # The waits are the data sheet's. Nobody waits with the sensor: `init` runs in its own process.
-  defp begin(chip) do
-    with :ok <- Chip.identify(chip),
+  defp sample_rate_hz(opts),
+    do: opts[:rate] |> Registers.divider(opts[:filter]) |> Registers.sample_rate_hz(opts[:filter])
+
+  @impl BB.Sensor.Polled
+  def open(opts) do
+    pulses? = opts[:interrupt] != nil
+
+    if opts[:fifo] and not pulses?,
+      do: {:error, :fifo_without_interrupt},
+      else: Device.open(opts, &prepare(&1, opts, pulses?))
+  end
+
+  defp prepare(device, opts, pulses?) do
+    chip = %Chip{device: device, settings: settings(opts), pulses?: pulses?}
+
+    with {:ok, chip} <- start(chip, opts[:model]),
+         do: if(pulses?, do: DataReady.open(chip, opts, clock(opts)), else: {:ok, chip})
+  end
+
+  defp clock(opts), do: Clock.of(opts[:bb].robot)
+
+  # The waits are the data sheet's.
+  defp start(chip, model) do
+    with {:ok, chip} <- Chip.identify(chip, model),
          :ok <- Chip.reset(chip),
          :ok <- Process.sleep(Chip.reset_ms()),
          :ok <- Chip.configure(chip),
-         do: Process.sleep(Chip.settle_ms())
-  end
-
-  defp close(chip, error) do
-    Chip.close(chip)
-    error
-  end
-
-  defp open(opts) do
-    i2c = BB.Bus.I2C.module(opts[:i2c])
-    Chip.open(i2c, opts[:bus], opts[:address], opts[:timeout], settings(opts))
+         :ok <- Process.sleep(Chip.settle_ms()),
+         do: {:ok, chip}
   end
 
   defp settings(opts) do
@@ -226,52 +149,35 @@ defmodule BB.Sensor.Mpu6050 do
     }
   end
 
-  defp new(chip, opts) do
-    bb = opts[:bb]
+  @impl BB.Sensor.Polled
+  def measure(%DataReady{} = device, _now_ns), do: DataReady.look(device)
 
-    %{
-      bb: bb,
-      chip: chip,
-      frame_id: opts[:frame_id] || List.last(bb.path),
-      loop: bb |> Loop.new(clock: {:rate, opts[:rate]}) |> Loop.arm(),
-      failures: 0
-    }
+  def measure(chip, _now_ns) do
+    with {:ok, reading, _new?} <- Chip.sample(chip), do: {:ok, [{nil, reading}], chip}
   end
 
-  defp stop(sensor) do
-    _ = Loop.cancel(sensor.loop)
-    Chip.close(sensor.chip)
+  @impl BB.Sensor
+  def handle_info({:circuits_gpio, _spec, edge_ns, _level}, %{device: %DataReady{}} = sensor) do
+    device = DataReady.heard(sensor.device, edge_ns)
+    device |> DataReady.read() |> Polled.outcome(%{sensor | device: device})
   end
 
-  # Measuring.
+  def handle_info(message, sensor), do: Polled.handle_info(message, sensor)
 
-  defp tick(sensor) do
-    {_dt, _skipped, loop} = Loop.tick(sensor.loop)
-    sensor = %{sensor | loop: loop}
+  @impl BB.Sensor.Polled
+  def close(%DataReady{} = device), do: DataReady.close(device)
+  def close(chip), do: Chip.close(chip)
 
-    case read(sensor) do
-      {:ok, reading} -> publish(reading, sensor)
-      {:error, reason} -> failed(reason, sensor)
+  @impl BB.Sensor.Polled
+  def publish(readings, sensor) do
+    for {time_ns, reading} <- readings do
+      times = if time_ns, do: [monotonic_time: time_ns], else: []
+      message = Message.new!(Imu, sensor.frame_id, imu(reading), times)
+      BB.Sensor.publish(sensor.bb, message)
     end
+
+    :ok
   end
-
-  # What answers after a failure may be a chip that was plugged in anew.
-  defp read(%{failures: 0} = sensor), do: Chip.sample(sensor.chip)
-  defp read(sensor), do: with(:ok <- Chip.check_awake(sensor.chip), do: Chip.sample(sensor.chip))
-
-  defp publish(reading, sensor) do
-    message = Message.new!(Imu, sensor.frame_id, imu(reading))
-    BB.Sensor.publish(sensor.bb, message)
-    {:noreply, %{sensor | failures: 0}}
-  end
-
-  defp failed({:restarted, _bus, _address} = reason, sensor),
-    do: {:stop, {:shutdown, reason}, sensor}
-
-  defp failed(reason, %{failures: failures} = sensor) when failures + 1 >= @most_failures,
-    do: {:stop, {:shutdown, reason}, sensor}
-
-  defp failed(_reason, sensor), do: {:noreply, %{sensor | failures: sensor.failures + 1}}
 
   defp imu(reading) do
     [

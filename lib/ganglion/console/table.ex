@@ -32,6 +32,47 @@ defmodule Ganglion.Console.Table do
     if String.length(text) <= width, do: text, else: String.slice(text, 0, width - 1) <> "…"
   end
 
+  @doc """
+  A long line in several that are not longer than the width, from the second on with an indent.
+
+      iex> Ganglion.Console.Table.wrap("imu: no answer at 0x68", 12)
+      "imu: no\\n  answer at\\n  0x68\\n"
+  """
+  @spec wrap(String.t(), pos_integer()) :: String.t()
+  def wrap(text, width \\ @width) do
+    [first | rest] = text |> plain() |> String.split()
+    lines = Enum.reduce(rest, [first], &fill(&1, &2, width))
+    lines |> Enum.reverse() |> Enum.map_join(&(cut(&1, width) <> "\n"))
+  end
+
+  defp fill(word, [line | lines], width) do
+    if String.length(line) + 1 + String.length(word) <= width,
+      do: [line <> " " <> word | lines],
+      else: ["  " <> word, line | lines]
+  end
+
+  @doc """
+  The lines under a row of `BB.Sensor.health/1`: its error in words; none where there was none.
+
+      iex> Ganglion.Console.Table.trouble(%{name: :imu, state: :up, error: "no answer at 0x68"})
+      "imu was down: no answer at 0x68\\n"
+  """
+  @spec trouble(map()) :: String.t()
+  def trouble(%{error: nil}), do: ""
+  def trouble(%{state: :up} = row), do: wrap("#{row.name} was down: #{row.error}")
+  def trouble(row), do: wrap("#{row.name}: #{row.error}")
+
+  @doc """
+  A time span in nanoseconds, short.
+
+      iex> Ganglion.Console.Table.age(12_345_678)
+      "12 ms"
+  """
+  @spec age(integer() | nil) :: String.t() | nil
+  def age(nil), do: nil
+  def age(ns) when ns < 10_000_000_000, do: "#{div(ns, 1_000_000)} ms"
+  def age(ns), do: "#{div(ns, 1_000_000_000)} s"
+
   defp text(nil), do: "-"
   defp text(text) when is_binary(text), do: plain(text)
   defp text(value) when is_atom(value), do: value |> Atom.to_string() |> plain()

@@ -3,13 +3,15 @@ defmodule Ganglion.Demo.Options do
   The demonstration's command line: pure but for looking whether files exist.
   """
 
-  @switches [seconds: :integer, imu: :string, frames: :string, json: :boolean]
-  @accepted "--seconds N, --imu FILE, --frames DIR, --json, --help"
+  @switches [seconds: :integer, robot: :string, imu: :string, frames: :string, json: :boolean]
+  @robots %{"ganglion" => Ganglion.Robot, "all" => Ganglion.Robots.All}
+  @accepted "--seconds N, --robot ganglion|all, --imu FILE, --frames DIR, --json, --help"
 
-  defstruct seconds: nil, imu: nil, frames: nil, json: false
+  defstruct seconds: nil, robot: Ganglion.Robot, imu: nil, frames: nil, json: false
 
   @type t :: %__MODULE__{
           seconds: pos_integer() | nil,
+          robot: module(),
           imu: Path.t() | nil,
           frames: Path.t() | nil,
           json: boolean()
@@ -22,9 +24,18 @@ defmodule Ganglion.Demo.Options do
   def parse(argv, from) do
     with {:ok, given} <- split(argv),
          {:ok, seconds} <- seconds(given[:seconds]),
+         {:ok, robot} <- robot(given[:robot] || "ganglion"),
+         :ok <- only_with(robot, given),
          {:ok, imu} <- existing(given[:imu], from, &File.regular?/1, "--imu takes a file"),
          {:ok, frames} <- existing(given[:frames], from, &File.dir?/1, "--frames takes a folder") do
-      {:ok, %__MODULE__{seconds: seconds, imu: imu, frames: frames, json: given[:json] || false}}
+      {:ok,
+       %__MODULE__{
+         seconds: seconds,
+         robot: robot,
+         imu: imu,
+         frames: frames,
+         json: given[:json] || false
+       }}
     end
   end
 
@@ -35,6 +46,8 @@ defmodule Ganglion.Demo.Options do
       {_, _, [{option, value} | _]} -> {:error, refused(option, value)}
     end
   end
+
+  defp refused("--robot", nil), do: "--robot takes ganglion or all, got nothing"
 
   defp refused("--seconds", value),
     do: "--seconds takes a whole number from 1 up, got: #{value || "nothing"}"
@@ -47,6 +60,20 @@ defmodule Ganglion.Demo.Options do
   defp seconds(nil), do: {:ok, nil}
   defp seconds(seconds) when seconds > 0, do: {:ok, seconds}
   defp seconds(seconds), do: {:error, refused("--seconds", seconds)}
+
+  defp robot(name) do
+    with :error <- Map.fetch(@robots, name),
+         do: {:error, "--robot takes ganglion or all, got: #{name}"}
+  end
+
+  defp only_with(Ganglion.Robot, _given), do: :ok
+
+  defp only_with(_robot, given) do
+    case Keyword.take(given, [:imu, :frames]) do
+      [] -> :ok
+      [{option, _} | _] -> {:error, "--#{option} is for the robot ganglion alone"}
+    end
+  end
 
   defp existing(nil, _from, _exists?, _what), do: {:ok, nil}
 

@@ -3,16 +3,19 @@ defmodule Ganglion.Demo.Report do
   What the demonstration shows, from what it has observed: pure text and data.
   """
 
-  alias BB.Message.Sensor.Imu
+  alias BB.Message.Sensor.{Contact, Imu, JointState, PowerState, Range}
+  alias BB.Message.System.Status
   alias BB.Message.Vision.TagDetections
   alias BB.Math.Vec3
+  alias Ganglion.Console.Table
   alias Ganglion.Demo.{Counter, Latency, Observation}
 
-  @typedoc "All that a report is made of. `carried` are the counters of outlets and inlets; `topic_of` names a sensor's ring topic."
+  @typedoc "All that a report is made of. `carried` are the counters of outlets and inlets; `topic_of` names a sensor's ring topic, `processor` is the VM's share of a core."
   @type view :: %{
           observation: Observation.t(),
           health: [map()],
           carried: %{atom() => map()},
+          processor: float() | nil,
           topic_of: (atom() -> String.t() | nil),
           seconds: number(),
           now: integer(),
@@ -24,14 +27,12 @@ defmodule Ganglion.Demo.Report do
   def screen(view) do
     [
       "ganglion, #{round(view.seconds)} s   (Ctrl-C stops)\n\n",
-      row(["sensor", "state", "Hz", "count", "age", "restarts", "last value"]),
+      row(["sensor", "state", "Hz", "of", "age", "restarts", "last value"]),
       Enum.map(view.health, &sensor_row(&1, view)),
       "\n",
-      topic_row(["topic", "state", "Hz", "count", "lost", "readers"]),
-      Enum.map(topics(view), &topic_row/1),
-      "\n",
-      vision_line(view),
-      if(view.log == [], do: [], else: ["\n", Enum.map(view.log, &[cut(&1, 110), "\n"])])
+      ring_lines(view),
+      processor_line(view),
+      if(view.log == [], do: [], else: ["\n", Enum.map(view.log, &[Table.cut(&1), "\n"])])
     ]
   end
 
@@ -46,7 +47,8 @@ defmodule Ganglion.Demo.Report do
         p50_us: Latency.quantile_us(observation.latency, 0.5),
         p99_us: Latency.quantile_us(observation.latency, 0.99)
       },
-      ring: %{lost: Observation.lost(observation), torn: torn(view)}
+      ring: %{lost: Observation.lost(observation), torn: torn(view)},
+      cpu_percent: view.processor && Float.round(view.processor * 100, 1)
     }
   end
 
@@ -58,13 +60,41 @@ defmodule Ganglion.Demo.Report do
     [
       "summary after #{Float.round(view.seconds / 1, 1)} s\n",
       for {name, sensor} <- Enum.sort(summary.sensors) do
-        "  #{pad(name, 12)} #{pad(sensor.state, 8)} #{sensor.published} published, #{sensor.hz} Hz, #{sensor.restarts} restarts\n"
+        "  #{pad(name, 15)} #{pad(sensor.state, 8)} #{sensor.published} published, #{rates(sensor)}, #{sensor.restarts} restarts\n"
       end,
+      if(ring?(view),
+        do: [
+          "  ",
+          vision_line(view),
+          "  ring: #{summary.ring.lost} lost, #{summary.ring.torn} torn\n"
+        ],
+        else: []
+      ),
       "  ",
-      vision_line(view),
-      "  ring: #{summary.ring.lost} lost, #{summary.ring.torn} torn\n"
+      processor_line(view)
     ]
   end
+
+  defp rates(%{declared_hz: nil, hz: hz}), do: "#{hz} Hz"
+  defp rates(%{declared_hz: declared_hz, hz: hz}), do: "#{hz} of #{declared_hz} Hz"
+
+  defp ring?(view), do: view.observation.topics != %{}
+
+  defp ring_lines(view) do
+    if ring?(view),
+      do: [
+        topic_row(["topic", "state", "Hz", "count", "lost", "readers"]),
+        Enum.map(topics(view), &topic_row/1),
+        "\n",
+        vision_line(view)
+      ],
+      else: []
+  end
+
+  defp processor_line(%{processor: nil}), do: ""
+
+  defp processor_line(%{processor: share}),
+    do: "the BEAM uses #{Float.round(share * 100, 1)} % of one core, simulation included\n"
 
   defp sensor_summary(sensor, view) do
     {published, hz} =
@@ -73,7 +103,14 @@ defmodule Ganglion.Demo.Report do
         counter -> {counter.count, Float.round(Counter.mean_rate(counter), 2)}
       end
 
-    %{state: sensor.state, published: published, hz: hz, restarts: sensor.restarts}
+    %{
+      state: sensor.state,
+      published: published,
+      hz: hz,
+      declared_hz: sensor.declared_hz,
+      restarts: sensor.restarts,
+      error: sensor.error
+    }
   end
 
   # A message that came through the ring and did not decode. One that its publisher was killed in, or lapped, must never be among them.
@@ -83,15 +120,18 @@ defmodule Ganglion.Demo.Report do
   defp sensor_row(sensor, view) do
     counter = counter(sensor, view)
 
-    row([
-      sensor.name,
-      sensor.state,
-      counter && Float.round(Counter.rate(counter), 1),
-      counter && counter.count,
-      counter && age(Counter.age(counter, view.now)),
-      sensor.restarts,
-      last_value(sensor, view)
-    ])
+    [
+      row([
+        sensor.name,
+        sensor.state,
+        counter && Float.round(Counter.rate(counter), 1),
+        sensor.declared_hz,
+        counter && Table.age(Counter.age(counter, view.now)),
+        sensor.restarts,
+        last_value(sensor, view)
+      ]),
+      Table.trouble(sensor)
+    ]
   end
 
   # What a sensor gives is seen on its pubsub path, or on its ring topic.
@@ -103,10 +143,7 @@ defmodule Ganglion.Demo.Report do
     end
   end
 
-  defp last_value(%{state: state, reason: reason, module: module}, _view)
-       when state != :up and reason != nil do
-    module |> BB.Sensor.explain(reason) |> cut(60)
-  end
+  defp last_value(%{state: state}, _view) when state != :up, do: ""
 
   defp last_value(sensor, view) do
     case view.observation.paths[[:sensor | sensor.path]] do
@@ -115,23 +152,39 @@ defmodule Ganglion.Demo.Report do
     end
   end
 
-  defp describe(%Imu{angular_velocity: turn, linear_acceleration: acceleration}) do
-    "turn #{vector(turn)} rad/s, accel #{vector(acceleration)} m/s2"
-  end
+  defp describe(%Imu{angular_velocity: turn, linear_acceleration: acceleration}),
+    do: "#{decimal(length_of(turn))} rad/s, #{decimal(length_of(acceleration))} m/s2"
+
+  defp describe(%JointState{positions: [position], velocities: velocities}),
+    do:
+      Enum.join(
+        ["#{decimal(position)} rad" | for(v <- velocities, do: "#{decimal(v)} rad/s")],
+        ", "
+      )
+
+  defp describe(%PowerState{voltage: voltage, current: current}),
+    do: "#{decimal(voltage)} V, #{decimal(current)} A"
+
+  defp describe(%Status{load_1_min: load, memory_available: bytes}),
+    do: "load #{decimal(load)}, #{div(bytes, 1_000_000)} MB free"
+
+  defp describe(%Range{range: :infinity}), do: "nothing in reach"
+  defp describe(%Range{range: range}), do: "#{decimal(range)} m"
+  defp describe(%Contact{pressed: pressed?}), do: if(pressed?, do: "pressed", else: "not pressed")
 
   defp describe(%TagDetections{detections: []}), do: "no tag in sight"
 
   defp describe(%TagDetections{detections: detections}) do
     ids = detections |> Enum.map(& &1.id) |> Enum.sort() |> Enum.map_join(" ", &to_string/1)
-    "#{length(detections)} tags: #{cut(ids, 34)}"
+    "#{length(detections)} tags: #{Table.cut(ids, 18)}"
   end
 
   defp describe(%{lost: lost, malformed: malformed}), do: "#{lost} lost, #{malformed} malformed"
   defp describe(%{too_large: too_large}), do: "#{too_large} too large"
   defp describe(_), do: ""
 
-  defp vector(%Vec3{x: x, y: y, z: z}),
-    do: Enum.map_join([x, y, z], " ", &:erlang.float_to_binary(&1, decimals: 2))
+  defp length_of(%Vec3{x: x, y: y, z: z}), do: :math.sqrt(x * x + y * y + z * z)
+  defp decimal(number), do: :erlang.float_to_binary(number, decimals: 2)
 
   defp topics(view) do
     for {name, {counter, info}} <- Enum.sort(view.observation.topics) do
@@ -159,23 +212,23 @@ defmodule Ganglion.Demo.Report do
     "vision: #{observation.frames} frames, #{observation.detections} tags seen#{latency}\n"
   end
 
-  defp row([name, state, hz, count, age, restarts, value]) do
+  defp row([name, state, hz, declared_hz, age, restarts, value]) do
     [
-      pad(name, 12),
+      pad(name, 15),
       pad(state, 8),
       lead(hz, 7),
-      lead(count, 8),
+      lead(declared_hz, 6),
       lead(age, 8),
-      lead(restarts, 10),
+      lead(restarts, 9),
       "  ",
-      to_string(value),
+      Table.cut(to_string(value), 25),
       "\n"
     ]
   end
 
   defp topic_row([name, state, hz, count, lost, readers]) do
     [
-      pad(name, 12),
+      pad(name, 15),
       pad(state, 8),
       lead(hz, 7),
       lead(count, 8),
@@ -189,11 +242,5 @@ defmodule Ganglion.Demo.Report do
   defp lead(nil, width), do: lead("-", width)
   defp lead(text, width), do: text |> to_string() |> String.pad_leading(width)
 
-  defp age(ns) when ns < 10_000_000_000, do: "#{div(ns, 1_000_000)} ms"
-  defp age(ns), do: "#{div(ns, 1_000_000_000)} s"
-
   defp ms(us), do: "#{Float.round(us / 1000, 1)} ms"
-
-  defp cut(text, length),
-    do: if(String.length(text) > length, do: String.slice(text, 0, length - 1) <> "…", else: text)
 end

@@ -109,6 +109,107 @@ defmodule BB.Bus.SimTest do
     end
   end
 
+  describe "a bus whose clock is stepped" do
+    test "gives its devices the time of the robot", %{name: name} do
+      start_supervised!({BB.Clock.Stepped, robot: __MODULE__.Robot})
+      clock = BB.Clock.of(__MODULE__.Robot)
+      other = name <> "-stepped"
+      buses = %{other => [devices: %{8 => {Echo, last: "time"}}, clock: clock]}
+      start_supervised!({Sim, buses: buses})
+      {:ok, bus} = I2C.open(other)
+      started_ns = BB.Clock.now_ns(clock)
+      assert I2C.read(bus, 8, 8) == {:ok, <<started_ns::signed-64>>}
+
+      BB.Clock.Stepped.advance(__MODULE__.Robot, 5_000_000)
+      :ok = Sim.unplug(other, 8)
+      :ok = Sim.replug(other, 8)
+      assert I2C.read(bus, 8, 8) == {:ok, <<started_ns + 5_000_000::signed-64>>}
+    end
+
+    test "is not one without a clock", %{name: name} do
+      Process.flag(:trap_exit, true)
+
+      assert {:error, {:shutdown, reason}} =
+               Sim.start_link(buses: %{(name <> "-no") => [clock: 7]})
+
+      assert inspect(reason) =~ "expected clock:"
+    end
+  end
+
+  describe "a device's interrupt pin" do
+    # Pulses every 5 ms while it was told a line.
+    defmodule Pulsing do
+      @behaviour BB.Bus.Sim.Device
+
+      @period_ns 5_000_000
+
+      @impl true
+      def init([line: line], now_ns), do: {:ok, %{line: line, on?: true, start_ns: now_ns}}
+
+      @impl true
+      def write(<<on>>, _now_ns, state), do: {:ok, %{state | on?: on == 1}}
+
+      @impl true
+      def read(_count, _now_ns, state), do: {:nak, state}
+
+      @impl true
+      def pulses(_from_ns, _to_ns, %{on?: false}), do: nil
+
+      def pulses(from_ns, to_ns, state) do
+        [first, next] = for t <- [from_ns, to_ns], do: div(t - state.start_ns, @period_ns) + 1
+
+        times_ns = for n <- first..(next - 1)//1, do: state.start_ns + n * @period_ns
+        next_ns = state.start_ns + next * @period_ns
+        %{line: state.line, width_ns: 50_000, times_ns: times_ns, next_ns: next_ns}
+      end
+    end
+
+    setup %{name: name} do
+      robot = Module.concat(__MODULE__, name)
+      start_supervised!({BB.Clock.Stepped, robot: robot})
+      clock = BB.Clock.of(robot)
+      start_supervised!({Sim.Lines, chips: %{name => [clock: clock]}})
+      devices = %{0x20 => {Pulsing, line: {name, 4}}}
+      bus = name <> "-pulsing"
+      start_supervised!({Sim, buses: %{bus => [devices: devices, clock: clock]}}, id: :pulsing)
+      {:ok, line} = Sim.GPIO.open({name, 4}, :input, pull_mode: :pullup)
+      :ok = Sim.GPIO.set_interrupts(line, :rising)
+      %{robot: robot, pin: {name, 4}, pulsing: bus, from_ns: BB.Clock.now_ns(clock)}
+    end
+
+    test "drives its line at the very times", context do
+      BB.Clock.Stepped.advance(context.robot, 20_000_000)
+      assert stamps(context) == [5_000_000, 10_000_000, 15_000_000, 20_000_000]
+      assert Sim.Lines.level(context.pin) == 1
+      BB.Clock.Stepped.advance(context.robot, 100_000)
+      assert Sim.Lines.level(context.pin) == 0
+    end
+
+    test "is told at once what changes, and lets go when the wires are pulled", context do
+      {:ok, bus} = I2C.open(context.pulsing)
+      BB.Clock.Stepped.advance(context.robot, 12_000_000)
+      :ok = I2C.write(bus, 0x20, <<0>>)
+      assert Sim.Lines.level(context.pin) == 1
+      BB.Clock.Stepped.advance(context.robot, 10_000_000)
+      :ok = I2C.write(bus, 0x20, <<1>>)
+      BB.Clock.Stepped.advance(context.robot, 10_000_000)
+      Sim.unplug(context.pulsing, 0x20)
+      BB.Clock.Stepped.advance(context.robot, 10_000_000)
+
+      # A line that is let go follows the pull of its pin.
+      let_go = [12_000_000, 32_000_000]
+      assert stamps(context) -- let_go == [5_000_000, 10_000_000, 25_000_000, 30_000_000]
+    end
+
+    defp stamps(%{pin: line, from_ns: from_ns} = context) do
+      receive do
+        {:circuits_gpio, ^line, time_ns, 1} -> [time_ns - from_ns | stamps(context)]
+      after
+        0 -> []
+      end
+    end
+  end
+
   describe "plugging" do
     test "an unplugged device does not answer", %{name: name, bus: bus} do
       :ok = Sim.unplug(name, 0x10)
@@ -200,7 +301,14 @@ defmodule BB.Bus.SimTest do
     end
 
     test "that is none raises", %{name: name} do
-      for wrong <- [:broken, {:nak, 0}, {:nak, :once}, {:errno, 0}, nil] do
+      for wrong <-
+            [:broken, {:nak, 0}, {:nak, :once}, {:errno, 0}, nil, {:slow, 0}, {:bit_errors, 0}] ++
+              [
+                {:bit_errors, 1.1},
+                {:bit_errors, 1, :seed},
+                {:twin, Echo},
+                {{:twin, {Echo, []}}, 1}
+              ] do
         assert_raise ArgumentError, ~r/expected a fault/, fn -> Sim.fault(name, 0x10, wrong) end
       end
     end
@@ -252,6 +360,106 @@ defmodule BB.Bus.SimTest do
     defp held?(name), do: Sim.devices(name)[0x10].fault == {:timeout, 1}
 
     defp wait_until(condition), do: if(condition.(), do: :ok, else: wait_until(condition))
+  end
+
+  describe "a slow device" do
+    test "answers, after holding the bus", %{name: name} do
+      {:ok, bus} = I2C.open(name, timeout: 50)
+      :ok = Sim.fault(name, 0x10, {:slow, 20})
+      {elapsed_us, answer} = :timer.tc(fn -> I2C.read(bus, 0x10, 1) end)
+      assert answer == {:ok, "?"}
+      assert elapsed_us >= 20_000
+    end
+
+    test "that is as slow as the timeout is too slow", %{name: name} do
+      {:ok, bus} = I2C.open(name, timeout: 10)
+      :ok = Sim.fault(name, 0x10, {{:slow, 10}, 1})
+      assert I2C.write(bus, 0x10, "a") == {:error, :timeout}
+      assert I2C.read(bus, 0x10, 1) == {:ok, "?"}
+    end
+  end
+
+  describe "bit errors" do
+    test "flip a bit of each byte, written or read, with their probability", %{
+      name: name,
+      bus: bus
+    } do
+      :ok = Sim.fault(name, 0x10, {:bit_errors, 1})
+      :ok = I2C.write(bus, 0x10, "aa")
+      :ok = Sim.clear(name, 0x10)
+      {:ok, written} = I2C.read(bus, 0x10, 2)
+      for <<byte <- written>>, do: assert(byte in flipped(?a))
+
+      :ok = Sim.fault(name, 0x11, {{:bit_errors, 1}, 1})
+      {:ok, read} = I2C.read(bus, 0x11, 3)
+      for <<byte <- read>>, do: assert(byte in flipped(??))
+      assert I2C.read(bus, 0x11, 3) == {:ok, "???"}
+    end
+
+    test "of one seed are the same each time", %{name: name, bus: bus} do
+      [one, two] =
+        for _ <- 1..2 do
+          :ok = Sim.fault(name, 0x10, {:bit_errors, 0.5, 17})
+          I2C.read(bus, 0x10, 100)
+        end
+
+      assert one == two
+      assert one != {:ok, String.duplicate("?", 100)}
+    end
+
+    defp flipped(byte), do: for(bit <- 0..7, do: Bitwise.bxor(byte, Bitwise.bsl(1, bit)))
+  end
+
+  describe "two devices at one address" do
+    test "are read as the AND of both", %{name: name, bus: bus} do
+      :ok = I2C.write(bus, 0x10, <<0b1100>>)
+      :ok = Sim.fault(name, 0x10, {:twin, {Echo, last: <<0b1010>>}})
+      assert I2C.read(bus, 0x10, 2) == {:ok, <<0b1000, 0b1000>>}
+      :ok = Sim.clear(name, 0x10)
+      assert I2C.read(bus, 0x10, 1) == {:ok, <<0b1100>>}
+    end
+
+    test "both hear what is written", %{name: name, bus: bus} do
+      :ok = Sim.fault(name, 0x10, {:twin, {Echo, last: <<0>>}})
+      assert I2C.write(bus, 0x10, "both") == :ok
+      assert I2C.read(bus, 0x10, 4) == {:ok, "both"}
+    end
+
+    test "one that answers is enough", %{name: name, bus: bus} do
+      capture_log(fn -> assert I2C.write(bus, 0x10, "crash") == {:error, :i2c_nak} end)
+      :ok = Sim.fault(name, 0x10, {:twin, {Echo, last: "2"}})
+      assert I2C.read(bus, 0x10, 1) == {:ok, "2"}
+      assert I2C.write(bus, 0x10, "nak") == {:error, :i2c_nak}
+    end
+
+    test "a second one whose options are wrong raises for the caller", %{name: name, bus: bus} do
+      assert_raise ArgumentError, ~r/unknown/, fn ->
+        Sim.fault(name, 0x10, {:twin, {Echo, colour: 1}})
+      end
+
+      assert Sim.fault(name, 0x10, {:twin, {Echo, error: :enoent}}) == {:error, :enoent}
+      assert I2C.read(bus, 0x10, 1) == {:ok, "?"}
+    end
+  end
+
+  describe "a stuck bus" do
+    test "times out for every address until it is released", %{name: name} do
+      {:ok, bus} = I2C.open(name, timeout: 10)
+      :ok = I2C.write(bus, 0x10, "a")
+      :ok = Sim.stuck(name)
+
+      for address <- [0x10, 0x11, 0x12],
+          do: assert(I2C.read(bus, address, 1) == {:error, :timeout})
+
+      :ok = Sim.release(name)
+      assert I2C.read(bus, 0x10, 1) == {:ok, "a"}
+      assert I2C.read(bus, 0x12, 1) == {:error, :i2c_nak}
+    end
+
+    test "that does not exist is an error" do
+      assert Sim.stuck("i2c-none") == {:error, :bus_not_found}
+      assert Sim.release("i2c-none") == {:error, :bus_not_found}
+    end
   end
 
   describe "a bus with a clock" do

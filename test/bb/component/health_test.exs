@@ -2,7 +2,7 @@ defmodule BB.Component.HealthTest do
   use ExUnit.Case, async: true
 
   import BB.Test.Eventually
-  import BB.Test.Robot, only: [health: 2]
+  import BB.Test.Robot
   import BB.Test.Watch
 
   alias BB.Test.Probe
@@ -36,6 +36,38 @@ defmodule BB.Component.HealthTest do
       assert_status(robot, :imu, %{state: :backoff})
       assert eventually(fn -> health(robot, :imu).state == :up end)
       assert %{reason: nil, last_error: :unplugged} = health(robot, :imu)
+    end
+
+    test "tells the last error in the words of the driver, and the rate that it declares with its parameters" do
+      robot =
+        robot do
+          parameters do
+            param :rate, type: :integer, default: 50
+          end
+
+          sensors do
+            sensor :imu, {BB.Sensor.Mpu6050, bus: "i2c-of-no-robot", rate: param([:rate])}
+          end
+        end
+
+      start_watched(robot, replay: true)
+      assert_status(robot, :imu, %{state: :backoff})
+      assert %{declared_hz: 50, rate_hz: nil, age_ns: nil, error: error} = health(robot, :imu)
+
+      assert error ==
+               "there is no bus i2c-of-no-robot: check its name, and that it is enabled"
+
+      :ok = BB.Parameter.set(robot, [:rate], 20)
+      assert health(robot, :imu).declared_hz == 20
+    end
+
+    test "tells the rate at which a sensor publishes, and how old its last message is" do
+      robot = start_up(one_of_three())
+      {:ok, _} = BB.subscribe(robot, [:sensor, :first])
+      :first |> first_count() |> then(&count_on(:first, &1, 20))
+      assert %{rate_hz: rate_hz, age_ns: age_ns, declared_hz: nil} = health(robot, :first)
+      assert rate_hz > 0 and age_ns >= 0
+      assert %{rate_hz: nil, age_ns: nil, error: nil} = health(robot, :imu)
     end
 
     test "of a robot that is not started raises" do

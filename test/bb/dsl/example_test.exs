@@ -1,18 +1,3 @@
-# Drivers that the example names and that are not part of the library are stood in for.
-for {driver, schema} <- [
-      {BB.Sensor.Ina219, [bus: [type: :string], address: [type: :integer]]},
-      {BB.Sensor.As5600, [bus: [type: :string]]}
-    ],
-    not Code.ensure_loaded?(driver) do
-  defmodule driver do
-    @moduledoc false
-    use BB.Sensor, options_schema: schema
-
-    @impl BB.Sensor
-    def init(_opts), do: :ignore
-  end
-end
-
 defmodule BB.Dsl.ExampleTest do
   @moduledoc "A robot with everything that the DSL has, as it is written by hand."
 

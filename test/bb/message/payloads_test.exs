@@ -42,6 +42,15 @@ defmodule BB.Message.PayloadsTest do
        power_supply_health: :unknown,
        present: true
      ]},
+    {BB.Message.System.Status,
+     [
+       memory_total: 1024,
+       memory_available: 512,
+       load_1_min: 0.1,
+       load_5_min: 0.2,
+       load_15_min: 0.3,
+       processors: 4
+     ], [temperature: nil, throttling: nil, throttled_before: nil]},
     {Sensor.Range,
      [
        radiation_type: :ultrasound,

@@ -25,7 +25,7 @@ defmodule BB.Sensor.Mpu6050Test do
     def write({bus, _clock}, address, data), do: I2C.write(bus, address, data)
 
     def write_read({bus, clock}, address, data, count) do
-      if count == 14, do: :counters.add(clock, 1, 5_000_000)
+      if count == 18, do: :counters.add(clock, 1, 5_000_000)
       I2C.write_read(bus, address, data, count)
     end
   end
@@ -165,7 +165,7 @@ defmodule BB.Sensor.Mpu6050Test do
       {:ok, <<config::binary-size(0x3A - 0x19), _::binary>>} =
         I2C.write_read(bus, 0x68, <<0x19>>, 0x40)
 
-      assert config == <<4, 2, 0x10, 0x10, 0::size(0x3A - 0x1D)-unit(8)>>
+      assert config == <<4, 2, 0x10, 0x10, 0::size(0x37 - 0x1D)-unit(8), 0x10, 0, 0>>
       assert I2C.write_read(bus, 0x68, <<0x6B>>, 2) == {:ok, <<0x01, 0x00>>}
     end
 
@@ -260,10 +260,22 @@ defmodule BB.Sensor.Mpu6050Test do
       assert reason_within(reason) == {:bus_not_found, "i2c-none"}
     end
 
-    @tag device: [who_am_i: 0x70]
+    @tag device: [who_am_i: 0x19]
     test "with another chip", context do
       assert {:error, reason} = start(sensor(context))
-      assert reason_within(reason) == {:wrong_chip, context.name, 0x68, 0x70, 0x68}
+      assert reason_within(reason) == {:wrong_chip, context.name, 0x68, 0x19, 0x68}
+    end
+
+    @tag device: [model: :mpu6500]
+    test "with another of its family than it is told", context do
+      assert {:error, reason} = start(sensor(context, model: :mpu9250))
+      assert reason_within(reason) == {:wrong_chip, context.name, 0x68, 0x70, 0x71}
+    end
+
+    test "with a FIFO without a line to tell of it", context do
+      assert {:error, reason} = start(sensor(context, fifo: true))
+      assert reason_within(reason) == :fifo_without_interrupt
+      assert Mpu6050.explain(:fifo_without_interrupt) =~ "needs interrupt:"
     end
 
     test "with a chip that holds the bus", context do
@@ -275,10 +287,10 @@ defmodule BB.Sensor.Mpu6050Test do
     test "with options that are wrong, and says which", context do
       for {opts, message} <- [
             {[address: 0x70], ":address"},
-            {[rate: 3], "expected a rate of 4 to 1000 Hz"},
-            {[rate: 1001], "expected a rate of 4 to 1000 Hz"},
+            {[rate: 3], "expected a frequency of 4 to 1000 hertz"},
+            {[rate: 1001], "expected a frequency of 4 to 1000 hertz"},
             {[rate: "fast"], ~s(got: "fast")},
-            {[rate: BB.Unit.new!(5, :meter)], "expected a rate of 4 to 1000 Hz"},
+            {[rate: BB.Unit.new!(5, :meter)], "expected a frequency of 4 to 1000 hertz"},
             {[accel_range: 3], ":accel_range"},
             {[gyro_range: 2], ":gyro_range"},
             {[filter: 100], ":filter"},
@@ -290,6 +302,8 @@ defmodule BB.Sensor.Mpu6050Test do
         assert Exception.message(error) =~ message
       end
     end
+
+    defp reason_within({reason, {:child, _, _, _, _, _, _, _}}), do: reason
 
     defp reason_within({{reason, _child}, _spec}) when is_tuple(reason) or is_exception(reason),
       do: reason
@@ -325,8 +339,8 @@ defmodule BB.Sensor.Mpu6050Test do
          context do
       for {fault, reason} <- [
             nak: {:no_answer, context.name, 0x68},
-            timeout: {:timeout, context.name, 0x68},
-            retry: {:bus, context.name, 0x68, :retry}
+            retry: {:bus, context.name, 0x68, :retry},
+            timeout: {:timeout, context.name, 0x68}
           ] do
         pid = start!(sensor(context, path: [:base_link, :imu]))
         receive_imu()
@@ -413,23 +427,6 @@ defmodule BB.Sensor.Mpu6050Test do
       {own, opts} = Keyword.split(args, [:__callback_module__, :bb])
       {:ok, opts} = BB.Options.validate(opts, Mpu6050.options_schema())
       [bb: own[:bb]] ++ opts
-    end
-  end
-
-  describe "a reason" do
-    test "has words that name the place" do
-      for reason <- [
-            {:no_answer, "i2c-7", 0x69},
-            {:timeout, "i2c-7", 0x69},
-            {:wrong_chip, "i2c-7", 0x69, 0x70, 0x68},
-            {:not_configured, "i2c-7", 0x69},
-            {:restarted, "i2c-7", 0x69},
-            {:bus, "i2c-7", 0x69, {:errno, 5}}
-          ] do
-        assert Mpu6050.explain(reason) =~ "0x69 on i2c-7"
-      end
-
-      assert Mpu6050.explain({:bus_not_found, "i2c-7"}) =~ "i2c-7"
     end
   end
 end

@@ -39,4 +39,19 @@ defmodule BB.Bus.Sim.Device do
   @doc "The master reads exactly `count` bytes (at least one)."
   @callback read(count :: pos_integer(), now_ns :: integer(), state()) ::
               {:ok, binary(), state()} | {:nak, state()}
+
+  @doc """
+  The pulses of the device's interrupt pin after `from_ns`, until `to_ns` and the one after that; `nil` while it makes none. The
+  bus calls it after each transfer and at each pulse, and drives the line (`BB.Bus.Sim.Lines.drive/3`).
+  """
+  @callback pulses(from_ns :: integer(), to_ns :: integer(), state()) ::
+              %{
+                line: BB.Bus.Sim.GPIO.gpio_spec(),
+                width_ns: pos_integer(),
+                times_ns: [integer()],
+                next_ns: integer()
+              }
+              | nil
+
+  @optional_callbacks pulses: 3
 end

@@ -1,12 +1,16 @@
 defmodule BB.Bus.Sim.Mpu6050 do
   @moduledoc """
-  A simulated InvenSense MPU-6050, register by register (RM-MPU-6000A rev. 4.2, PS-MPU-6000A rev. 3.4).
+  A simulated InvenSense MPU-6050, register by register (RM-MPU-6000A rev. 4.2, PS-MPU-6000A rev. 3.4), or one of its successors, the
+  MPU-6500 and the MPU-9250 (RM-MPU-6500A rev. 2.1, RM-MPU-9250A rev. 1.6).
 
       BB.Bus.Sim.plug("i2c-1", 0x68, {BB.Bus.Sim.Mpu6050, source: :motion})
 
   ## Options
   - `:source`: what it feels, see `BB.Bus.Sim.Mpu6050.Source`; default `:motion`.
-  - `:who_am_i`: the content of WHO_AM_I; default `0x68`, at the address 0x69 too. A relative of the chip says something else (MPU-6500: `0x70`).
+  - `:model`: `:mpu6050` (default), `:mpu6500` or `:mpu9250`.
+  - `:interrupt`: the line that its pin INT is wired to, such as `{"gpiochip0", 4}`, see `BB.Bus.Sim.Lines`; default `nil`, none. The chip of lines goes
+    by the same clock as the bus.
+  - `:who_am_i`: the content of WHO_AM_I, at the address 0x69 too; by default that of the model: 0x68, 0x70, 0x71.
   - `:reset_ms`: how long a DEVICE_RESET takes; default 20.
 
   ## What is modelled
@@ -14,24 +18,29 @@ defmodule BB.Bus.Sim.Mpu6050 do
   | register | behaviour |
   |---|---|
   | 0x19 SMPLRT_DIV | sample rate = 8 kHz (filter off: DLPF_CFG 0 or 7) or 1 kHz, divided by 1 + SMPLRT_DIV |
-  | 0x1A CONFIG | DLPF_CFG chooses the base of the sample rate; the filter itself is not modelled |
+  | 0x1A CONFIG | DLPF_CFG chooses the base of the sample rate; the filter itself is not modelled, nor is FIFO_MODE |
   | 0x1B GYRO_CONFIG, 0x1C ACCEL_CONFIG | full-scale range, FS_SEL and AFS_SEL (bits 4:3); self-test bits are kept and do nothing |
-  | 0x37 INT_PIN_CFG, 0x38 INT_ENABLE | kept; INT_RD_CLEAR (bit 4) makes any read clear INT_STATUS |
-  | 0x3A INT_STATUS | DATA_RDY (bit 0): a sample came since it was last read; reading clears it |
+  | 0x23 FIFO_EN | what of each sample goes into the FIFO: acceleration (bit 3), temperature (7), rotation (6:4), in the order of the data registers |
+  | 0x37 INT_PIN_CFG | kept; INT_RD_CLEAR (bit 4) makes any read clear INT_STATUS. The pin is active high and pulses for 50 µs whatever stands there |
+  | 0x38 INT_ENABLE | DATA_RDY_EN (bit 0): the pin pulses with each sample. Other bits are kept |
+  | 0x3A INT_STATUS | DATA_RDY (bit 0): a sample came since it was last read; FIFO_OFLOW (bit 4): the FIFO overflowed; reading clears them |
   | 0x3B–0x48 | acceleration, temperature, rotation: 14 bytes, big-endian, all of one sample when read in one burst |
-  | 0x6B PWR_MGMT_1 | DEVICE_RESET (bit 7) clears all registers and itself after the reset time; SLEEP (bit 6, set at power-on) and CLKSEL 7 stop the sampling |
+  | 0x6A USER_CTRL | FIFO_EN (bit 6); FIFO_RESET (bit 2) empties the FIFO when FIFO_EN is 0, and clears itself |
+  | 0x6B PWR_MGMT_1 | DEVICE_RESET (bit 7) clears all registers and itself after the reset time; SLEEP (bit 6, set at power-on of an MPU-6050 only) and CLKSEL 7 stop the sampling |
+  | 0x72–0x73 FIFO_COUNT | the number of bytes in the FIFO |
+  | 0x74 FIFO_R_W | takes bytes out of the FIFO, in a burst too; 0xFF where there are none |
   | 0x75 WHO_AM_I | read only |
 
-  The registers 0x1F, 0x23–0x34, 0x63–0x67, 0x69, 0x6A and 0x6C keep what is written and do nothing: no FIFO, no auxiliary bus, no
-  motion detection, no axis in standby. All others read 0 and cannot be written.
+  The FIFO holds 1024 bytes (512 in the successors) and loses the oldest ones when it overflows. The registers 0x1D (of the successors), 0x1F, 0x24–0x34, 0x63–0x67,
+  0x69 and 0x6C keep what is written and do nothing: no auxiliary bus, no motion detection, no axis in standby. All others read 0 and cannot be written.
 
   Registers follow one another in a burst, for reading and for writing. While asleep the data registers keep their last content.
   During a reset writes are lost. Values beyond the range saturate; values are rounded to the nearest step. The first sample comes
-  one sample period after waking; a new sample rate starts a new period.
+  one sample period after waking; a new sample rate starts a new period. A stepped source, for which time plays no part, fills no FIFO and makes no pulses.
   """
   @behaviour BB.Bus.Sim.Device
 
-  alias BB.Bus.Sim.Motion
+  alias BB.Bus.Sim.{Burst, Motion}
   alias BB.Bus.Sim.Mpu6050.Source
 
   @smplrt_div 0x19
@@ -39,82 +48,143 @@ defmodule BB.Bus.Sim.Mpu6050 do
   @gyro_config 0x1B
   @accel_config 0x1C
   @int_pin_cfg 0x37
+  @fifo_en 0x23
+  @int_enable 0x38
   @int_status 0x3A
   @data_first 0x3B
   @data_last 0x48
+  @user_ctrl 0x6A
   @pwr_mgmt_1 0x6B
+  @fifo_count_h 0x72
+  @fifo_count_l 0x73
+  @fifo_r_w 0x74
   @who_am_i 0x75
   @last_register 0x7F
 
-  @writable [@smplrt_div, @config, @gyro_config, @accel_config, 0x1F] ++
-              Enum.to_list(0x23..0x34) ++
-              [@int_pin_cfg, 0x38] ++ Enum.to_list(0x63..0x67) ++ [0x69, 0x6A, @pwr_mgmt_1, 0x6C]
+  @writable [@smplrt_div, @config, @gyro_config, @accel_config, 0x1D, 0x1F] ++
+              Enum.to_list(@fifo_en..0x34) ++
+              [@int_pin_cfg, @int_enable] ++
+              Enum.to_list(0x63..0x67) ++ [0x69, @user_ctrl, @pwr_mgmt_1, 0x6C]
 
-  @power_on %{@pwr_mgmt_1 => 0x40}
   @no_data <<0::14*8>>
   @device_reset 0x80
   @int_rd_clear 0x10
+  @data_ready 0x01
+  @overflowed 0x10
+  @fifo_on 0x40
+  @fifo_reset 0x04
+  @pulse_ns 50_000
+
+  # What tells the models apart: identity, PWR_MGMT_1 after power-on, bytes of FIFO; and the temperature's °C at 0 and LSB/°C.
+  @models %{
+    mpu6050: %{identity: 0x68, power: 0x40, fifo: 1024, zero: 36.53, per_degree: 340},
+    mpu6500: %{identity: 0x70, power: 0x01, fifo: 512, zero: 21, per_degree: 333.87},
+    mpu9250: %{identity: 0x71, power: 0x01, fifo: 512, zero: 21, per_degree: 333.87}
+  }
 
   # Sensitivity by FS_SEL and AFS_SEL, from the product specification.
   @lsb_per_degree_per_s {131.0, 65.5, 32.8, 16.4}
   @lsb_per_g {16_384.0, 8192.0, 4096.0, 2048.0}
   @degree_per_radian 180 / :math.pi()
 
-  @enforce_keys [:source, :identity, :reset_ns, :powered_ns]
+  @enforce_keys [:source, :model, :identity, :line, :reset_ns, :powered_ns, :epoch_ns, :registers]
   defstruct [
     :source,
+    :model,
     :identity,
+    :line,
     :reset_ns,
     :powered_ns,
-    registers: @power_on,
+    :epoch_ns,
+    :registers,
     pointer: 0,
     data: @no_data,
     data_ready?: false,
+    fifo: <<>>,
+    overflowed?: false,
     reset_until_ns: nil,
-    epoch_ns: nil,
     taken: 0
   ]
 
   @impl true
   def init(opts, now_ns) do
-    opts = Keyword.validate!(opts, source: :motion, who_am_i: 0x68, reset_ms: 20)
+    defaults = [source: :motion, model: :mpu6050, interrupt: nil, who_am_i: nil, reset_ms: 20]
+    opts = Keyword.validate!(opts, defaults)
+    model = model!(opts[:model])
 
     {:ok,
      %__MODULE__{
        source: Source.new(opts[:source]),
-       identity: integer!(opts, :who_am_i, 255),
-       reset_ns: integer!(opts, :reset_ms, 60_000) * 1_000_000,
-       powered_ns: now_ns
+       model: model,
+       identity: integer!(:who_am_i, opts[:who_am_i] || model.identity, 255),
+       line: opts[:interrupt],
+       reset_ns: integer!(:reset_ms, opts[:reset_ms], 60_000) * 1_000_000,
+       powered_ns: now_ns,
+       epoch_ns: now_ns,
+       registers: power_on(model)
      }}
   end
 
   @impl true
-  def write(<<pointer, values::binary>>, now_ns, chip) do
+  def write(bytes, now_ns, chip) do
     chip = chip |> end_reset(now_ns) |> sample(now_ns)
-    chip = put_all(%{chip | pointer: pointer}, values, now_ns)
-    {:ok, chip}
+    {:ok, Burst.write(bytes, chip, &put(&1, &2, &3, now_ns))}
   end
 
   @impl true
+  def read(count, now_ns, %{pointer: @fifo_r_w} = chip) do
+    chip = chip |> end_reset(now_ns) |> sample(now_ns)
+    taken = min(count, byte_size(chip.fifo))
+    <<bytes::binary-size(taken), rest::binary>> = chip.fifo
+    {:ok, bytes <> :binary.copy(<<0xFF>>, count - taken), %{chip | fifo: rest}}
+  end
+
   def read(count, now_ns, chip) do
-    addresses = addresses(chip.pointer, count)
+    addresses = chip.pointer..(chip.pointer + count - 1)
     chip = chip |> end_reset(now_ns) |> sample(now_ns) |> step(addresses)
-    bytes = for address <- addresses, into: <<>>, do: <<get(chip, address)>>
-    {:ok, bytes, clear_status(%{chip | pointer: chip.pointer + count}, addresses)}
+    {bytes, chip} = Burst.read(count, chip, &get(chip, &1))
+    {:ok, bytes, clear_status(chip, addresses)}
+  end
+
+  @impl true
+  def pulses(_from_ns, _to_ns, %{line: nil}), do: nil
+
+  def pulses(from_ns, to_ns, chip) do
+    if pulses?(chip) do
+      period_ns = period_ns(chip)
+      first = max(Integer.floor_div(from_ns - chip.epoch_ns, period_ns), 0) + 1
+      next = max(Integer.floor_div(to_ns - chip.epoch_ns, period_ns), 0) + 1
+      times = for n <- first..(next - 1)//1, do: chip.epoch_ns + n * period_ns
+
+      %{
+        line: chip.line,
+        width_ns: @pulse_ns,
+        times_ns: times,
+        next_ns: chip.epoch_ns + next * period_ns
+      }
+    end
+  end
+
+  defp pulses?(chip) do
+    ready? = Bitwise.band(register(chip, @int_enable), @data_ready) != 0
+    ready? and chip.reset_until_ns == nil and samples?(chip)
   end
 
   @doc """
-  The 14 bytes from ACCEL_XOUT_H on for a sample, with the ranges AFS_SEL and FS_SEL (0..3 each).
+  The 14 bytes from ACCEL_XOUT_H on for a sample, with the ranges AFS_SEL and FS_SEL (0..3 each), of an MPU-6050 or another model.
 
       iex> at_rest = %{acceleration: {0.0, 0.0, 9.80665}, angular_velocity: {0.0, 0.0, 0.0}, temperature: 36.53}
       iex> BB.Bus.Sim.Mpu6050.encode(at_rest, 0, 0)
       <<0, 0, 0, 0, 0x40, 0x00, 0, 0, 0, 0, 0, 0, 0, 0>>
   """
-  @spec encode(Motion.sample(), 0..3, 0..3) :: <<_::112>>
-  def encode(sample, afs_sel, fs_sel) do
+  @spec encode(Motion.sample(), 0..3, 0..3, atom()) :: <<_::112>>
+  def encode(sample, afs_sel, fs_sel, model \\ :mpu6050),
+    do: encode_as(model!(model), sample, afs_sel, fs_sel)
+
+  defp encode_as(model, sample, afs_sel, fs_sel) do
     per_accel = elem(@lsb_per_g, afs_sel) / Motion.standard_gravity()
     per_rate = elem(@lsb_per_degree_per_s, fs_sel) * @degree_per_radian
-    temperature = (sample.temperature - 36.53) * 340
+    temperature = (sample.temperature - model.zero) * model.per_degree
 
     vector(sample.acceleration, per_accel) <>
       int16(temperature) <> vector(sample.angular_velocity, per_rate)
@@ -124,42 +194,51 @@ defmodule BB.Bus.Sim.Mpu6050 do
 
   defp int16(value), do: <<value |> round() |> max(-32_768) |> min(32_767)::16>>
 
-  defp integer!(opts, key, most) do
-    value = opts[key]
+  defp integer!(_key, value, most) when is_integer(value) and value >= 0 and value <= most,
+    do: value
 
-    if is_integer(value) and value in 0..most,
-      do: value,
-      else:
-        raise(ArgumentError, "expected #{key}: an integer in 0..#{most}, got: #{inspect(value)}")
+  defp integer!(key, value, most) do
+    raise ArgumentError, "expected #{key}: an integer in 0..#{most}, got: #{inspect(value)}"
+  end
+
+  defp model!(model) when is_map_key(@models, model), do: @models[model]
+
+  defp model!(other) do
+    raise ArgumentError,
+          "expected model: one of #{inspect(Map.keys(@models))}, got: #{inspect(other)}"
   end
 
   # Registers as seen from the bus.
 
-  defp addresses(_pointer, 0), do: []
-  defp addresses(pointer, count), do: Enum.to_list(pointer..(pointer + count - 1)//1)
-
   defp get(chip, address) when address in @data_first..@data_last,
     do: :binary.at(chip.data, address - @data_first)
 
-  defp get(chip, @int_status), do: if(chip.data_ready?, do: 1, else: 0)
+  defp get(chip, @int_status) do
+    ready = if chip.data_ready?, do: @data_ready, else: 0
+    if chip.overflowed?, do: ready + @overflowed, else: ready
+  end
+
+  defp get(chip, @fifo_count_h), do: chip.fifo |> byte_size() |> div(256)
+  defp get(chip, @fifo_count_l), do: chip.fifo |> byte_size() |> rem(256)
   defp get(chip, @who_am_i), do: chip.identity
 
-  defp get(%{reset_until_ns: until} = _chip, @pwr_mgmt_1) when until != nil,
-    do: Bitwise.bor(@device_reset, 0x40)
+  defp get(%{reset_until_ns: until} = chip, @pwr_mgmt_1) when until != nil,
+    do: Bitwise.bor(@device_reset, chip.model.power)
 
   defp get(_chip, address) when address > @last_register, do: 0
   defp get(chip, address), do: Map.get(chip.registers, address, 0)
-
-  defp put_all(chip, <<>>, _now_ns), do: chip
-
-  defp put_all(chip, <<value, rest::binary>>, now_ns) do
-    %{put(chip, chip.pointer, value, now_ns) | pointer: chip.pointer + 1} |> put_all(rest, now_ns)
-  end
 
   defp put(%{reset_until_ns: until} = chip, _address, _value, _now_ns) when until != nil, do: chip
 
   defp put(chip, @pwr_mgmt_1, value, now_ns) when value >= @device_reset do
     end_reset(%{reset(chip) | reset_until_ns: now_ns + chip.reset_ns}, now_ns)
+  end
+
+  defp put(chip, @user_ctrl, value, _now_ns) do
+    kept = Bitwise.band(value, Bitwise.bnot(@fifo_reset))
+    empties? = Bitwise.band(value, @fifo_reset) != 0 and Bitwise.band(value, @fifo_on) == 0
+    chip = %{chip | registers: Map.put(chip.registers, @user_ctrl, kept)}
+    if empties?, do: %{chip | fifo: <<>>}, else: chip
   end
 
   defp put(chip, address, value, now_ns) when address in @writable do
@@ -174,35 +253,79 @@ defmodule BB.Bus.Sim.Mpu6050 do
 
   defp clear_status(chip, addresses) do
     any? = Bitwise.band(register(chip, @int_pin_cfg), @int_rd_clear) != 0
-    if any? or @int_status in addresses, do: %{chip | data_ready?: false}, else: chip
+    cleared = %{chip | data_ready?: false, overflowed?: false}
+    if any? or @int_status in addresses, do: cleared, else: chip
   end
 
   # Reset.
 
-  defp reset(chip), do: %{chip | registers: @power_on, data: @no_data, data_ready?: false}
+  defp reset(chip) do
+    %{
+      chip
+      | registers: power_on(chip.model),
+        data: @no_data,
+        data_ready?: false,
+        fifo: <<>>,
+        overflowed?: false
+    }
+  end
+
+  defp power_on(model), do: %{@pwr_mgmt_1 => model.power}
 
   defp end_reset(%{reset_until_ns: until} = chip, now_ns) when until != nil and now_ns >= until,
-    do: %{chip | reset_until_ns: nil}
+    do: %{chip | reset_until_ns: nil, epoch_ns: until, taken: 0}
 
   defp end_reset(chip, _now_ns), do: chip
 
   # Sampling.
 
   defp sample(chip, now_ns) do
-    if Source.stepped?(chip.source), do: chip, else: sample(chip, now_ns, period_ns(chip))
+    if samples?(chip), do: sample_until(chip, now_ns, period_ns(chip)), else: chip
   end
 
-  defp sample(chip, _now_ns, nil), do: chip
+  defp samples?(chip),
+    do: chip.reset_until_ns == nil and not Source.stepped?(chip.source) and period_ns(chip) != nil
 
-  defp sample(chip, now_ns, period_ns) do
+  # Of samples that nobody has seen, only those that the FIFO can hold are worth the making.
+  defp sample_until(chip, now_ns, period_ns) do
     count = div(now_ns - chip.epoch_ns, period_ns)
+    held = if fills_fifo?(chip), do: div(chip.model.fifo, 2) + 1, else: 1
+    first = max(chip.taken + 1, count - held + 1)
 
-    if count > chip.taken do
-      since_power_on_ns = chip.epoch_ns + count * period_ns - chip.powered_ns
-      latch(%{chip | taken: count}, Source.at(chip.source, since_power_on_ns / 1.0e9))
-    else
-      chip
+    for n <- first..count//1, reduce: chip do
+      chip -> take(chip, n, chip.epoch_ns + n * period_ns)
     end
+  end
+
+  defp take(chip, n, time_ns) do
+    seconds = (time_ns - chip.powered_ns) / 1.0e9
+    %{chip | taken: n} |> latch(Source.at(chip.source, seconds)) |> queue()
+  end
+
+  defp fills_fifo?(chip), do: Bitwise.band(register(chip, @user_ctrl), @fifo_on) != 0
+
+  defp queue(chip) do
+    if fills_fifo?(chip), do: queue(chip, chip.fifo <> frame(chip)), else: chip
+  end
+
+  defp queue(chip, bytes) do
+    case byte_size(bytes) - chip.model.fifo do
+      over when over > 0 ->
+        <<_lost::binary-size(over), kept::binary>> = bytes
+        %{chip | fifo: kept, overflowed?: true}
+
+      _fits ->
+        %{chip | fifo: bytes}
+    end
+  end
+
+  defp frame(chip) do
+    <<acceleration::binary-6, temperature::binary-2, x::binary-2, y::binary-2, z::binary-2>> =
+      chip.data
+
+    <<t::1, gx::1, gy::1, gz::1, a::1, _::3>> = <<register(chip, @fifo_en)>>
+    parts = [{a, acceleration}, {t, temperature}, {gx, x}, {gy, y}, {gz, z}]
+    for {1, bytes} <- parts, into: <<>>, do: bytes
   end
 
   defp step(chip, addresses) do
@@ -216,7 +339,8 @@ defmodule BB.Bus.Sim.Mpu6050 do
   end
 
   defp latch(chip, sample) do
-    data = encode(sample, range(chip, @accel_config), range(chip, @gyro_config))
+    ranges = {range(chip, @accel_config), range(chip, @gyro_config)}
+    data = encode_as(chip.model, sample, elem(ranges, 0), elem(ranges, 1))
     %{chip | data: data, data_ready?: true}
   end
 

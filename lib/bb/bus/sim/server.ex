@@ -6,7 +6,7 @@ defmodule BB.Bus.Sim.Server do
   """
   use GenServer
 
-  alias BB.Bus.Sim.Slot
+  alias BB.Bus.Sim.{Interrupts, Slot}
 
   @registry BB.Bus.Sim.Registry
   @no_such_device 19
@@ -21,7 +21,7 @@ defmodule BB.Bus.Sim.Server do
 
   @doc false
   def start_link({name, opts}),
-    do: GenServer.start_link(__MODULE__, opts, name: {:via, Registry, {@registry, name}})
+    do: GenServer.start_link(__MODULE__, {name, opts}, name: {:via, Registry, {@registry, name}})
 
   @doc "The names of the buses that run now, sorted."
   @spec names() :: [String.t()]
@@ -57,13 +57,16 @@ defmodule BB.Bus.Sim.Server do
   end
 
   @impl GenServer
-  def init(opts) do
+  def init({name, opts}) do
     check_options!(opts)
+    clock = clock!(Keyword.get(opts, :clock, :real))
 
     bus = %{
       slots: %{},
-      clock: opts[:clock] || (&monotonic_ns/0),
+      clock: clock,
+      interrupts: if(is_function(clock), do: nil, else: Interrupts.new(name, clock)),
       clock_hz: opts[:clock_hz],
+      stuck?: false,
       free_at_ns: monotonic_ns(),
       holder: nil,
       queue: :queue.new()
@@ -77,6 +80,8 @@ defmodule BB.Bus.Sim.Server do
     do: {:noreply, serve(%{bus | queue: :queue.in({from, transfer}, bus.queue)})}
 
   def handle_call(:devices, _from, bus), do: {:reply, Map.new(bus.slots, &describe/1), bus}
+
+  def handle_call({:stuck, stuck?}, _from, bus), do: {:reply, :ok, %{bus | stuck?: stuck?}}
 
   def handle_call({:plug, address, device}, _from, bus) do
     case plug(address, device, bus) do
@@ -94,6 +99,9 @@ defmodule BB.Bus.Sim.Server do
     {:noreply, serve(%{bus | holder: nil})}
   end
 
+  def handle_info({:pulse, address}, bus),
+    do: {:noreply, put_slot(bus, address, bus.slots[address])}
+
   # Transfers: one holds the bus at a time.
 
   defp serve(%{holder: nil} = bus) do
@@ -108,20 +116,26 @@ defmodule BB.Bus.Sim.Server do
   defp perform(from, transfer, bus) do
     slot = bus.slots[transfer.address]
     {answer, cost_ns, slot} = attempt(slot, transfer, transfer.retries, 0, bus)
-    slots = if slot, do: Map.put(bus.slots, transfer.address, slot), else: bus.slots
-    reply(from, answer, cost_ns, %{bus | slots: slots})
+    bus = if slot, do: put_slot(bus, transfer.address, slot), else: bus
+    reply(from, answer, cost_ns, bus)
   end
 
   defp attempt(slot, transfer, retries, spent_ns, bus) do
-    {answer, slot} = Slot.attempt(slot, transfer.request, bus.clock.())
-    spent_ns = spent_ns + cost_ns(answer, transfer, bus.clock_hz)
+    {answer, held_ms, slot} = attempt(slot, transfer, bus)
+    spent_ns = spent_ns + held_ms * @ns_per_ms + cost_ns(answer, transfer, bus.clock_hz)
 
     if retries > 0 and match?({:error, _}, answer),
       do: attempt(slot, transfer, retries - 1, spent_ns, bus),
       else: {answer, spent_ns, slot}
   end
 
-  defp cost_ns({:error, :timeout}, transfer, _clock_hz), do: transfer.timeout_ms * @ns_per_ms
+  defp attempt(slot, transfer, %{stuck?: true}),
+    do: {{:error, :timeout}, transfer.timeout_ms, slot}
+
+  defp attempt(slot, transfer, bus),
+    do: Slot.attempt(slot, transfer.request, transfer.timeout_ms, now_ns(bus))
+
+  defp cost_ns({:error, :timeout}, _transfer, _clock_hz), do: 0
   defp cost_ns(_answer, _transfer, nil), do: 0
 
   defp cost_ns(answer, transfer, clock_hz),
@@ -154,7 +168,7 @@ defmodule BB.Bus.Sim.Server do
 
   defp obey(order, address, bus) do
     with {:ok, slot} <- fetch_slot(bus, address), {:ok, slot} <- change(order, slot, bus) do
-      {:reply, :ok, put_in(bus.slots[address], slot)}
+      {:reply, :ok, put_slot(bus, address, slot)}
     else
       error -> {:reply, error, bus}
     end
@@ -164,9 +178,10 @@ defmodule BB.Bus.Sim.Server do
     with :error <- Map.fetch(bus.slots, address), do: {:error, :no_device}
   end
 
-  defp change(:unplug, slot, _bus), do: {:ok, %{slot | plugged?: false, fault: nil}}
-  defp change(:replug, slot, bus), do: Slot.replug(slot, bus.clock.())
-  defp change({:fault, fault}, slot, _bus), do: {:ok, %{slot | fault: fault}}
+  defp change(:unplug, slot, _bus), do: {:ok, Slot.unplug(slot)}
+  defp change(:replug, slot, bus), do: Slot.replug(slot, now_ns(bus))
+  defp change(:clear, slot, _bus), do: {:ok, Slot.mend(slot)}
+  defp change({:fault, fault}, slot, bus), do: Slot.harm(slot, fault, now_ns(bus))
 
   defp plug(address, device, bus) do
     case bus.slots[address] do
@@ -174,8 +189,8 @@ defmodule BB.Bus.Sim.Server do
         {:error, :address_taken}
 
       _ ->
-        with {:ok, slot} <- Slot.new(device, bus.clock.()),
-             do: {:ok, put_in(bus.slots[address], slot)}
+        with {:ok, slot} <- Slot.new(device, now_ns(bus)),
+             do: {:ok, put_slot(bus, address, slot)}
     end
   end
 
@@ -198,6 +213,26 @@ defmodule BB.Bus.Sim.Server do
       unknown -> raise ArgumentError, "unknown options of a bus: #{inspect(unknown)}"
     end
   end
+
+  # Whatever was done to a device may have changed what its interrupt pin does.
+  defp put_slot(%{interrupts: nil} = bus, address, slot), do: put_in(bus.slots[address], slot)
+
+  defp put_slot(bus, address, slot) do
+    interrupts = Interrupts.follow(bus.interrupts, address, slot)
+    %{bus | slots: Map.put(bus.slots, address, slot), interrupts: interrupts}
+  end
+
+  defp clock!(clock)
+       when is_function(clock, 0) or clock == :real or is_struct(clock, BB.Clock.Stepped),
+       do: clock
+
+  defp clock!(other) do
+    raise ArgumentError,
+          "expected clock: a BB.Clock or a function that returns nanoseconds, got: #{inspect(other)}"
+  end
+
+  defp now_ns(%{clock: clock}) when is_function(clock), do: clock.()
+  defp now_ns(bus), do: BB.Clock.now_ns(bus.clock)
 
   defp monotonic_ns, do: System.monotonic_time(:nanosecond)
 end

@@ -1,25 +1,28 @@
 defmodule BB.Sensor.Mpu6050.Chip do
   @moduledoc """
-  The MPU-6050 on its bus: each function is one conversation with the chip, made of the bytes of `BB.Sensor.Mpu6050.Registers`.
+  The chip on its bus: each function is one conversation with it, made of the bytes of `BB.Sensor.Mpu6050.Registers`.
 
   A function takes the time of its transfers and no more: whoever calls waits between them, as long as `reset_ms/0` and
-  `settle_ms/0` say. What goes wrong is `{:error, t:BB.Sensor.Mpu6050.reason/0}`.
+  `settle_ms/0` say. What goes wrong is `{:error, t:BB.Bus.I2C.Device.reason/0}`, or the FIFO's overflow.
+
+  Each reading begins with the interrupt settings, which a chip that lost its power for a moment has forgotten: then it is no reading, but
+  the error `:restarted`.
   """
-  alias BB.Sensor.Mpu6050
+  alias BB.Bus.I2C.Device
   alias BB.Sensor.Mpu6050.Registers
 
-  @enforce_keys [:i2c, :bus, :bus_name, :address, :settings]
-  defstruct [:i2c, :bus, :bus_name, :address, :settings]
+  @enforce_keys [:device, :settings]
+  defstruct [:device, :settings, model: :mpu6050, pulses?: false]
 
+  @typedoc "`pulses?` is whether its pin INT tells of each sample."
   @type t :: %__MODULE__{
-          i2c: module(),
-          bus: term(),
-          bus_name: String.t(),
-          address: byte(),
-          settings: Registers.settings()
+          device: Device.t(),
+          settings: Registers.settings(),
+          model: Registers.model(),
+          pulses?: boolean()
         }
 
-  @no_data <<0::size(Registers.reading_size())-unit(8)>>
+  @type reason :: Device.reason() | {:overflow, String.t(), Device.address()}
 
   @doc "The datasheet's wait after a reset."
   def reset_ms, do: 100
@@ -27,103 +30,96 @@ defmodule BB.Sensor.Mpu6050.Chip do
   @doc "The gyroscope's start-up time, typically; before that its readings drift."
   def settle_ms, do: 30
 
-  @doc "Opens the bus. Nothing is asked of the chip yet."
-  @spec open(module(), String.t(), byte(), timeout_ms :: pos_integer(), Registers.settings()) ::
-          {:ok, t()} | {:error, Mpu6050.reason()}
-  def open(i2c, bus_name, address, timeout_ms, settings) do
-    chip = %__MODULE__{
-      i2c: i2c,
-      bus: nil,
-      bus_name: bus_name,
-      address: address,
-      settings: settings
-    }
-
-    case i2c.open(bus_name, timeout: timeout_ms) do
-      {:ok, bus} -> {:ok, %{chip | bus: bus}}
-      {:error, error} -> {:error, reason(error, chip)}
-    end
-  end
-
   @doc "Gives the bus back."
   @spec close(t()) :: :ok
-  def close(chip), do: chip.i2c.close(chip.bus)
+  def close(chip), do: Device.close(chip.device)
 
-  @doc "Makes sure that this is an MPU-6050."
-  @spec identify(t()) :: :ok | {:error, Mpu6050.reason()}
-  def identify(chip) do
-    expected = Registers.identity()
-
-    case read(chip, Registers.who_am_i(), 1) do
-      {:ok, <<^expected>>} -> :ok
-      {:ok, <<found>>} -> {:error, {:wrong_chip, chip.bus_name, chip.address, found, expected}}
-      {:error, reason} -> {:error, reason}
+  @doc "Makes sure that this is one of the family: the `model` that is asked for, or any (`nil`)."
+  @spec identify(t(), Registers.model() | nil) :: {:ok, t()} | {:error, Device.reason()}
+  def identify(chip, wanted \\ nil) do
+    with {:ok, <<identity>>} <- read(chip, Registers.who_am_i(), 1) do
+      case Registers.model(identity) do
+        {:ok, model} when wanted in [nil, model] -> {:ok, %{chip | model: model}}
+        _other -> error(chip, :wrong_chip, [identity, Registers.identity(wanted || :mpu6050)])
+      end
     end
   end
 
   @doc "Starts a reset, after which the chip is to be left alone for `reset_ms/0`."
-  @spec reset(t()) :: :ok | {:error, Mpu6050.reason()}
+  @spec reset(t()) :: :ok | {:error, Device.reason()}
   def reset(chip), do: write(chip, Registers.pwr_mgmt_1(), <<Registers.reset()>>)
 
   @doc "Wakes the chip, writes its settings and reads them back. Readings are good `settle_ms/0` later."
-  @spec configure(t()) :: :ok | {:error, Mpu6050.reason()}
+  @spec configure(t()) :: :ok | {:error, Device.reason()}
   def configure(chip) do
-    settings = Registers.encode_settings(chip.settings)
+    settings = Registers.encode_settings(chip.settings, chip.model)
 
     with :ok <- write(chip, Registers.pwr_mgmt_1(), <<Registers.awake()>>),
          :ok <- write(chip, Registers.smplrt_div(), settings),
+         :ok <- write(chip, Registers.int_pin_cfg(), interrupts(chip)),
          {:ok, power} <- read(chip, Registers.pwr_mgmt_1(), 1),
          {:ok, found} <- read(chip, Registers.smplrt_div(), byte_size(settings)) do
       if power == <<Registers.awake()>> and found == settings,
         do: :ok,
-        else: {:error, {:not_configured, chip.bus_name, chip.address}}
+        else: error(chip, :not_configured)
     end
   end
 
-  @doc """
-  The chip's latest sample, in one burst.
-
-  A chip that lost its power for a moment is asleep, and its data registers are all 0, which a chip at work never shows: that is
-  looked into, and an error.
-  """
-  @spec sample(t()) :: {:ok, Registers.reading()} | {:error, Mpu6050.reason()}
+  @doc "The chip's latest sample and whether it is new, in one burst."
+  @spec sample(t()) ::
+          {:ok, Registers.reading(), new? :: boolean()} | {:error, Device.reason()}
   def sample(chip) do
-    case read(chip, Registers.accel_xout_h(), Registers.reading_size()) do
-      {:ok, @no_data} -> with(:ok <- check_awake(chip), do: {:ok, decode(chip, @no_data)})
-      {:ok, bytes} -> {:ok, decode(chip, bytes)}
+    size = Registers.status_size()
+
+    with {:ok, bytes} <- read(chip, Registers.int_pin_cfg(), size + Registers.reading_size()),
+         <<status::binary-size(size), reading::binary>> = bytes,
+         {:ok, status} <- status(chip, status),
+         do: {:ok, decode(chip, reading), status.new?}
+  end
+
+  @doc "Has all samples from now on kept in the FIFO."
+  @spec start_fifo(t()) :: :ok | {:error, Device.reason()}
+  def start_fifo(chip) do
+    with :ok <- write(chip, Registers.user_ctrl(), <<Registers.fifo_emptied()>>),
+         :ok <- write(chip, Registers.user_ctrl(), <<Registers.fifo_on()>>),
+         do: write(chip, Registers.fifo_en(), <<Registers.all_in_fifo()>>)
+  end
+
+  @doc "How many samples there are in the FIFO."
+  @spec fifo_count(t()) :: {:ok, non_neg_integer()} | {:error, reason()}
+  def fifo_count(chip) do
+    with {:ok, bytes} <- read(chip, Registers.int_pin_cfg(), Registers.status_size()),
+         {:ok, %{overflowed?: false}} <- status(chip, bytes),
+         {:ok, <<size::16>>} <- read(chip, Registers.fifo_count(), 2) do
+      {:ok, div(size, Registers.reading_size())}
+    else
+      {:ok, %{overflowed?: true}} -> error(chip, :overflow)
       {:error, reason} -> {:error, reason}
     end
   end
 
-  @doc "Makes sure that the chip still is as `configure/1` left it, and not as after power-on."
-  @spec check_awake(t()) :: :ok | {:error, Mpu6050.reason()}
-  def check_awake(chip) do
-    awake = Registers.awake()
+  @doc "Takes the oldest samples out of the FIFO."
+  @spec take(t(), pos_integer()) :: {:ok, [Registers.reading()]} | {:error, Device.reason()}
+  def take(chip, count) do
+    size = Registers.reading_size()
 
-    case read(chip, Registers.pwr_mgmt_1(), 1) do
-      {:ok, <<^awake>>} -> :ok
-      {:ok, _} -> {:error, {:restarted, chip.bus_name, chip.address}}
-      {:error, reason} -> {:error, reason}
-    end
+    with {:ok, bytes} <- read(chip, Registers.fifo_r_w(), count * size),
+         do: {:ok, for(<<frame::binary-size(size) <- bytes>>, do: decode(chip, frame))}
   end
 
-  defp decode(chip, bytes),
-    do: Registers.decode(bytes, chip.settings.accel_range, chip.settings.gyro_range)
+  defp interrupts(chip), do: Registers.interrupts(chip.pulses?)
 
-  defp read(chip, register, count) do
-    with {:error, error} <- chip.i2c.write_read(chip.bus, chip.address, <<register>>, count),
-         do: {:error, reason(error, chip)}
+  defp status(chip, bytes) do
+    with :restarted <- Registers.decode_status(bytes, interrupts(chip)),
+         do: error(chip, :restarted)
   end
 
-  defp write(chip, register, bytes) do
-    with {:error, error} <- chip.i2c.write(chip.bus, chip.address, [register, bytes]),
-         do: {:error, reason(error, chip)}
+  defp decode(chip, bytes) do
+    %{accel_range: accel_range, gyro_range: gyro_range} = chip.settings
+    Registers.decode(bytes, accel_range, gyro_range, chip.model)
   end
 
-  defp reason(error, chip) when error in [:i2c_nak, :enxio],
-    do: {:no_answer, chip.bus_name, chip.address}
-
-  defp reason(:timeout, chip), do: {:timeout, chip.bus_name, chip.address}
-  defp reason(:bus_not_found, chip), do: {:bus_not_found, chip.bus_name}
-  defp reason(error, chip), do: {:bus, chip.bus_name, chip.address, error}
+  defp error(chip, kind, details \\ []), do: {:error, Device.fault(chip.device, kind, details)}
+  defp read(chip, register, count), do: Device.read(chip.device, register, count)
+  defp write(chip, register, bytes), do: Device.write(chip.device, register, bytes)
 end

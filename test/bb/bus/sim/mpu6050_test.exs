@@ -153,6 +153,107 @@ defmodule BB.Bus.Sim.Mpu6050Test do
     end
   end
 
+  describe "the FIFO" do
+    # On, with all of a sample, sampling at 1 kHz.
+    defp filling(opts \\ []) do
+      chip([source: &ruler/1] ++ opts)
+      |> write(<<0x19, 0, 1, 0, 0x18>>)
+      |> write(<<0x23, 0xF8>>)
+      |> write(<<0x6A, 0x40>>)
+      |> write(@wake)
+    end
+
+    defp fifo_count(chip, at_ms) do
+      {<<count::16>>, _} = read(chip, 0x72, 2, at_ms)
+      count
+    end
+
+    test "takes every sample, also those between two looks" do
+      chip = filling()
+      assert fifo_count(chip, 3.5) == 3 * 14
+      {bytes, chip} = read(chip, 0x74, 3 * 14, 3.5)
+      assert for(<<x::signed-16, _::96 <- bytes>>, do: x) == [1, 2, 3]
+      assert fifo_count(chip, 4) == 14
+      assert {<<4::16, _::96, 0xFF>>, _} = read(chip, 0x74, 15, 4)
+    end
+
+    test "takes what it is told to, in the order of the data registers" do
+      for {enabled, size} <- [{0x08, 6}, {0x80, 2}, {0x40, 2}, {0x70, 6}, {0x88, 8}, {0, 0}] do
+        chip = filling() |> write(<<0x23, enabled>>)
+        assert fifo_count(chip, 1) == size
+      end
+    end
+
+    test "loses the oldest bytes when it overflows, and says so once" do
+      for {model, size} <- [mpu6050: 1024, mpu6500: 512, mpu9250: 512] do
+        chip = filling(model: model)
+        full = div(size, 14)
+        assert {<<0x01>>, chip} = read(chip, 0x3A, 1, full)
+        assert {<<0x11>>, chip} = read(chip, 0x3A, 1, full + 1)
+        assert peek(chip, 0x3A, full + 1) == 0
+        assert fifo_count(chip, 10_000) == size
+        {bytes, _} = read(chip, 0x74, size, 2000)
+        assert <<1999::16, _::96, 2000::16, _::96>> = binary_part(bytes, size, -28)
+      end
+    end
+
+    test "is emptied by a reset, while it is off only" do
+      chip = filling()
+      assert chip |> write(<<0x6A, 0x44>>, 5) |> fifo_count(5) == 5 * 14
+      assert chip |> write(<<0x6A, 0x04>>, 5) |> fifo_count(9) == 0
+    end
+  end
+
+  describe "the interrupt pin" do
+    @line {"gpiochip0", 4}
+
+    test "pulses with each sample while it is enabled" do
+      chip = chip(interrupt: @line) |> write(<<0x19, 4, 1>>) |> write(@wake)
+      assert Mpu6050.pulses(0, 100 * @ms, chip) == nil
+      chip = write(chip, <<0x38, 0x01>>)
+
+      assert Mpu6050.pulses(0, 12 * @ms, chip) ==
+               %{
+                 line: @line,
+                 width_ns: 50_000,
+                 times_ns: [5 * @ms, 10 * @ms],
+                 next_ns: 15 * @ms
+               }
+
+      assert %{times_ns: [10_000_000], next_ns: 15_000_000} =
+               Mpu6050.pulses(5 * @ms, 10 * @ms, chip)
+
+      assert chip |> write(<<0x6B, 0x41>>) |> then(&Mpu6050.pulses(0, @ms, &1)) == nil
+      assert chip |> write(<<0x6B, 0x80>>) |> then(&Mpu6050.pulses(0, @ms, &1)) == nil
+    end
+
+    test "is wired to nothing without a line" do
+      chip = chip() |> write(<<0x38, 0x01>>) |> write(@wake)
+      assert Mpu6050.pulses(0, 100 * @ms, chip) == nil
+    end
+  end
+
+  describe "the successors" do
+    test "identify themselves, and are awake after power-on and after a reset" do
+      for {model, identity} <- [mpu6500: 0x70, mpu9250: 0x71] do
+        chip = chip(model: model, source: &ruler/1) |> write(<<0x1A, 1, 0, 0x18>>)
+        assert peek(chip, 0x75) == identity
+        assert peek(chip, 0x6B) == 0x01
+        assert {12, chip} = shown(chip, 12.5)
+        chip = write(chip, <<0x6B, 0x80>>, 20)
+        assert peek(chip, 0x6B, 39) == 0x81
+        assert {0, chip} = shown(chip, 39)
+        assert peek(chip, 0x6B, 40) == 0x01
+        assert {328, _} = chip |> write(<<0x1A, 1>>, 40) |> shown(41)
+      end
+    end
+
+    test "have another thermometer" do
+      warm = still({0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, 31.0)
+      assert <<_::48, 3339::16, _::48>> = Mpu6050.encode(warm, 0, 0, :mpu6500)
+    end
+  end
+
   describe "encoding" do
     @one_g {0.0, 0.0, @g}
 
@@ -231,6 +332,7 @@ defmodule BB.Bus.Sim.Mpu6050Test do
 
       assert_raise ArgumentError, ~r/unknown/, fn -> Mpu6050.init([sauce: :motion], 0) end
       assert_raise ArgumentError, ~r/who_am_i/, fn -> Mpu6050.init([who_am_i: 256], 0) end
+      assert_raise ArgumentError, ~r/model/, fn -> Mpu6050.init([model: :mpu1], 0) end
       assert_raise ArgumentError, ~r/reset_ms/, fn -> Mpu6050.init([reset_ms: -1], 0) end
     end
 

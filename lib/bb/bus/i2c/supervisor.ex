@@ -1,0 +1,35 @@
+defmodule BB.Bus.I2C.Supervisor do
+  @moduledoc """
+  Where the processes of shared buses live. They are started when they are needed; one that dies has taken its handles along, so it
+  is not started again before somebody opens the bus.
+  """
+  use Supervisor
+
+  alias BB.Bus.I2C.Server
+
+  @registry BB.Bus.I2C.Registry
+  @servers BB.Bus.I2C.Servers
+
+  @doc false
+  def start_link(_opts), do: Supervisor.start_link(__MODULE__, nil, name: __MODULE__)
+
+  @doc "The registry of bus processes, by backend and name."
+  @spec registry() :: module()
+  def registry, do: @registry
+
+  @doc "Starts the process of a bus."
+  @spec start_server(Server.key(), BB.Clock.t()) :: DynamicSupervisor.on_start_child()
+  def start_server(key, clock),
+    do: DynamicSupervisor.start_child(@servers, {Server, {key, clock}})
+
+  @impl Supervisor
+  def init(nil) do
+    Supervisor.init(
+      [
+        {Registry, keys: :unique, name: @registry},
+        {DynamicSupervisor, name: @servers}
+      ],
+      strategy: :rest_for_one
+    )
+  end
+end

@@ -1,0 +1,67 @@
+defmodule Ganglion.Robots.All.World do
+  @moduledoc """
+  What `Ganglion.Robots.All` is wired to, simulated: the buses and the chip of lines, with a device for each of its sensors.
+  """
+
+  use Supervisor
+
+  alias BB.Bus.Sim
+
+  @typedoc "Where a sensor's device is: at an address of an I2C bus, or on lines of a chip under a name."
+  @type place ::
+          {:i2c, bus :: String.t(), address :: byte()}
+          | {:gpio, chip :: String.t(), device :: atom(), lines :: [non_neg_integer()]}
+
+  @motor_velocity 40.0
+
+  @i2c [
+    {:imu, "i2c-1", 0x68, {Sim.Mpu6050, source: :motion}},
+    {:battery, "i2c-1", 0x40, {Sim.Ina219, source: [voltage: 11.1, current: 1.5]}},
+    {:motors, "i2c-2", 0x41, {Sim.Ina219, source: [voltage: 11.0, current: 0.8]}},
+    {:elbow, "i2c-2", 0x36, {Sim.As5600, source: [angle: 0.7]}},
+    {:lidar, "i2c-2", 0x10, {Sim.TfLuna, source: [distance: 2.5]}}
+  ]
+
+  @gpio [
+    left_encoder: {Sim.Encoder, pins: [a: 5, b: 6], pulses: 11, velocity: @motor_velocity},
+    right_encoder: {Sim.Encoder, pins: [a: 12, b: 13], pulses: 11, velocity: -@motor_velocity},
+    sonar: {Sim.HcSr04, pins: [trigger: 23, echo: 24], distance: 1.2},
+    bumper_left: {Sim.Contact, pins: [contact: 17]},
+    bumper_right: {Sim.Contact, pins: [contact: 22]},
+    estop: {Sim.Contact, pins: [contact: 27], normally: :closed}
+  ]
+
+  @chip "gpiochip0"
+
+  @doc "Starts it, linked to the caller."
+  @spec start_link() :: Supervisor.on_start()
+  def start_link, do: Supervisor.start_link(__MODULE__, [])
+
+  @impl Supervisor
+  def init([]) do
+    buses =
+      for {_sensor, bus, address, device} <- @i2c, reduce: %{} do
+        buses -> Map.update(buses, bus, [{address, device}], &[{address, device} | &1])
+      end
+
+    Supervisor.init(
+      [
+        {Sim, buses: Map.new(buses, fn {bus, devices} -> {bus, devices: devices} end)},
+        {Sim.Lines, chips: %{@chip => [devices: @gpio]}}
+      ],
+      strategy: :one_for_one
+    )
+  end
+
+  @doc "Where each sensor's device is. The processor's own sensors have none."
+  @spec places() :: %{atom() => place()}
+  def places do
+    i2c = for {sensor, bus, address, _device} <- @i2c, do: {sensor, {:i2c, bus, address}}
+
+    gpio =
+      for {sensor, {_model, opts}} <- @gpio,
+          do: {sensor, {:gpio, @chip, sensor, Keyword.values(opts[:pins])}}
+
+    Map.new(i2c ++ gpio)
+  end
+end

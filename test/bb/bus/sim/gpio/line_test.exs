@@ -1,0 +1,61 @@
+defmodule BB.Bus.Sim.GPIO.LineTest do
+  use ExUnit.Case, async: true
+
+  alias BB.Bus.Sim.GPIO.{Agenda, Line}
+
+  doctest Line
+  doctest Agenda
+
+  defp input(pull), do: Line.host(%Line{}, :input, pull)
+
+  test "who drives it low wins over who drives it high" do
+    line = input(:pullup) |> Line.drive(:a, 1) |> Line.drive(:b, 0)
+    assert {line.near, line.far} == {0, 0}
+  end
+
+  test "who drives it wins over a pull, and a resistor outside over that of the pin" do
+    assert (input(:pullup) |> Line.drive(:a, 0)).near == 0
+    assert (input(:pullup) |> Line.drive(:a, :pulldown)).near == 0
+    assert (input(:pulldown) |> Line.drive(:a, :pullup)).near == 1
+  end
+
+  test "with nobody at it, it keeps the level that it had" do
+    line = input(:none) |> Line.drive(:a, 1) |> Line.drive(:a, :z)
+    assert {line.near, line.far} == {1, 1}
+  end
+
+  test "an output drives what is at its far end" do
+    line = Line.host(%Line{}, {:output, 1}, :none)
+    assert {line.near, line.far} == {1, 1}
+  end
+
+  test "an output that lets go leaves the line to its pull" do
+    assert Line.host(%Line{}, {:output, :z}, :pullup).far == 1
+  end
+
+  test "when it is cut each end has its own level, and has the other's again when it is mended" do
+    line = input(:pullup) |> Line.drive(:a, 0) |> Line.fault(:cut)
+    assert {line.near, line.far} == {1, 0}
+    assert Line.drive(line, :a, 1).far == 1
+    line = Line.fault(line, nil)
+    assert {line.near, line.far} == {0, 0}
+  end
+
+  test "a short circuit decides at both ends" do
+    line = input(:pullup) |> Line.drive(:a, 1) |> Line.fault({:short, 0})
+    assert {line.near, line.far} == {0, 0}
+  end
+
+  test "noise turns what the pin sees, whatever the wire's level" do
+    line = input(:pullup) |> Line.drive(:a, 0) |> Line.fault({:storm, 1000}) |> Line.disturb()
+    assert {line.near, line.far} == {1, 0}
+    assert Line.disturb(line).near == 0
+    assert Line.fault(line, nil).near == 0
+  end
+
+  test "a fault that is none is refused with what was expected" do
+    assert_raise ArgumentError, ~r/expected a fault: :cut, .* got: :broken/, fn ->
+      Line.check_fault!(:broken)
+    end
+  end
+end

@@ -1,0 +1,35 @@
+defmodule BB.Sensor.System.ReportTest do
+  use ExUnit.Case, async: true
+
+  alias BB.Sensor.System.Report
+
+  doctest BB.Sensor.System
+  doctest BB.Sensor.System.Report
+
+  test "each bit of the firmware is its cause, now and before" do
+    for {hex, now, before} <- [
+          {"0", [], []},
+          {"1", [:under_voltage], []},
+          {"2", [:frequency_capped], []},
+          {"0x4", [:throttled], []},
+          {"8", [:soft_temperature_limit], []},
+          {"10000", [], [:under_voltage]},
+          {"20000", [], [:frequency_capped]},
+          {"40000", [], [:throttled]},
+          {"80008", [:soft_temperature_limit], [:soft_temperature_limit]}
+        ] do
+      assert Report.throttling(hex <> "\n") ==
+               {:ok, %{throttling: now, throttled_before: before}}
+    end
+  end
+
+  test "temperatures may be below zero" do
+    assert Report.temperature("-1500\n") == {:ok, %{temperature: -1.5}}
+  end
+
+  test "what is no such report is an error" do
+    for text <- ["", "\n", "N/A\n", "0-\n", "MemTotal: 5 kB\n", "0.5 0.5\n"],
+        parse <- [:temperature, :throttling, :memory, :load, :processors],
+        do: assert({parse, text, apply(Report, parse, [text])} == {parse, text, :error})
+  end
+end
