@@ -67,7 +67,7 @@ defmodule BB.Bus.I2C do
 
   - `:timeout`: how long a device may hold the bus, in milliseconds: 20..50, and the nearest of these for any other; the smallest of all handles
     is that of the bus. Below 0, the default: 50;
-  - `:retries`: how often a failed transfer of this handle is tried again at once; default 0;
+  - `:retries`: how often a failed transfer of this handle is tried again, each time as the last one in the queue; default 0;
   - `:backend`: another module than that of `backend/0`;
   - `:clock`: the `t:BB.Clock.t/0` by which a bus that is down waits, default `:real`; that of the first handle counts.
 
@@ -89,18 +89,18 @@ defmodule BB.Bus.I2C do
   @doc "Reads `count` bytes from the device. `retries:` overrides that of `open/2`."
   @spec read(t(), address(), non_neg_integer(), keyword()) :: {:ok, binary()} | {:error, term()}
   def read(%Handle{} = bus, address, count, opts \\ []),
-    do: Server.transfer(bus, :read, address, [count, options(bus, opts)])
+    do: transfer(bus, :read, address, [count], opts)
 
   @doc "Writes bytes to the device."
   @spec write(t(), address(), iodata(), keyword()) :: :ok | {:error, term()}
   def write(%Handle{} = bus, address, data, opts \\ []),
-    do: Server.transfer(bus, :write, address, [data, options(bus, opts)])
+    do: transfer(bus, :write, address, [data], opts)
 
   @doc "Writes bytes and then reads `count`, as one transfer that no other comes between."
   @spec write_read(t(), address(), iodata(), non_neg_integer(), keyword()) ::
           {:ok, binary()} | {:error, term()}
   def write_read(%Handle{} = bus, address, data, count, opts \\ []),
-    do: Server.transfer(bus, :write_read, address, [data, count, options(bus, opts)])
+    do: transfer(bus, :write_read, address, [data, count], opts)
 
   @doc "Closes the handle; once more changes nothing. What others opened stays open."
   @spec close(t()) :: :ok
@@ -148,7 +148,18 @@ defmodule BB.Bus.I2C do
         ]
   defdelegate health(), to: Server
 
-  defp options(bus, opts), do: [retries: retries!(opts, bus.retries)]
+  # Each attempt is a transfer of its own: others come between, and none lasts longer than the timeout.
+  defp transfer(bus, function, address, arguments, opts) do
+    arguments = arguments ++ [[retries: 0]]
+
+    attempt(retries!(opts, bus.retries), fn ->
+      Server.transfer(bus, function, address, arguments)
+    end)
+  end
+
+  defp attempt(retries, transfer) do
+    with {:error, _error} when retries > 0 <- transfer.(), do: attempt(retries - 1, transfer)
+  end
 
   defp retries!(opts, default) do
     case integer!(opts, :retries, default) do

@@ -62,17 +62,16 @@ defmodule BB.Sensor.Ina219 do
   alias BB.Message.Sensor.PowerState
 
   @enforce_keys [:device, :settings, :calibration, :current_lsb]
-  defstruct [:device, :settings, :calibration, :current_lsb, unready: 0]
+  defstruct [:device, :settings, :calibration, :current_lsb]
 
   @reset_ms 1
-  @most_unready 3
   @no_current <<0::16>>
 
   @typedoc """
   Why the sensor does not work: a reason of every device (`t:BB.Bus.I2C.Device.reason/0`), or
 
   - `:overflow`: current or voltage are beyond their ranges; bus, then address;
-  - `:idle`: the chip has not measured for #{@most_unready} periods;
+  - `:idle`: the chip has not measured for some periods;
   - `:shunt_too_large`: with `max_current` the shunt would have that voltage, in V, more than the chip can measure.
   """
   @type reason ::
@@ -175,16 +174,10 @@ defmodule BB.Sensor.Ina219 do
   def measure(chip, _now_ns) do
     case read_bus(chip) do
       {:ok, %{ready?: true} = bus} -> read_rest(chip, bus)
-      {:ok, _bus} -> unready(chip)
+      {:ok, _bus} -> {:none, Device.fault(chip.device, :idle), chip}
       {:error, reason} -> {:error, reason}
     end
   end
-
-  # A tick that came late has the next one close behind it.
-  defp unready(%{unready: unready} = chip) when unready < @most_unready,
-    do: {:none, %{chip | unready: unready + 1}}
-
-  defp unready(chip), do: {:error, Device.fault(chip.device, :idle)}
 
   defp read_rest(chip, bus) do
     with {:ok, shunt_voltage} <- read_shunt(chip, bus),
@@ -198,7 +191,7 @@ defmodule BB.Sensor.Ina219 do
         power: Registers.decode_power(power, chip.current_lsb)
       }
 
-      {:ok, reading, %{chip | unready: 0}}
+      {:ok, reading, chip}
     end
   end
 

@@ -40,6 +40,9 @@ defmodule BB.Sensor.Polled do
   show only in what is known. A reason of the kind `:restarted` (`t:BB.Bus.I2C.Device.reason/0`) stops the sensor at once, so
   that the device is set up again, and so does `{:stop, reason}` from `c:measure/2`.
 
+  A device that should have a new reading and has none (`{:none, reason, device}`) is not asked in vain for ever: from the fourth time in a row on it is a failed reading. (A tick that came late has
+  the next one close behind it, with nothing new.)
+
   What keeps a device from measuring at all belongs into `c:open/1` too: a sensor that opens well and then fails goes up and down for
   as long as the fault lasts, instead of staying down with one reason.
   """
@@ -47,13 +50,17 @@ defmodule BB.Sensor.Polled do
   alias BB.Loop
 
   @most_failures 3
+  @most_idle 3
   @check_ms 500
   @check_ns @check_ms * 1_000_000
 
   @enforce_keys [:module, :bb, :frame_id, :device, :loop]
-  defstruct [:module, :bb, :frame_id, :device, :loop, :checked_ns, failures: 0]
+  defstruct [:module, :bb, :frame_id, :device, :loop, :checked_ns, failures: 0, idle: 0]
 
-  @typedoc "The sensor's state: `device` is the driver's, `failures` counts those in a row, `checked_ns` is when it was checked last."
+  @typedoc """
+  The sensor's state: `device` is the driver's, `failures` counts those in a row, `idle` how often in a row there was nothing new, `checked_ns` is when
+  it was checked last.
+  """
   @type t :: %__MODULE__{
           module: module(),
           bb: BB.Sensor.bb(),
@@ -61,7 +68,8 @@ defmodule BB.Sensor.Polled do
           device: device(),
           loop: Loop.t(),
           checked_ns: integer() | nil,
-          failures: non_neg_integer()
+          failures: non_neg_integer(),
+          idle: non_neg_integer()
         }
 
   @typedoc "What the driver opened, and all that it wants to remember from one reading to the next."
@@ -70,6 +78,15 @@ defmodule BB.Sensor.Polled do
   @typedoc "Why it does not work, for the driver's `explain/1`."
   @type reason :: term()
 
+  @typedoc "What `c:measure/2` gives."
+  @type result ::
+          {:ok, reading :: term(), device()}
+          | {:none, device()}
+          | {:none, reason(), device()}
+          | {:error, reason()}
+          | {:error, reason(), device()}
+          | {:stop, reason()}
+
   @doc """
   Opens the device, makes sure that it is the right one and works, and sets it up. It may wait: it runs in the sensor's own process.
   What it has opened when it fails, it closes.
@@ -77,15 +94,10 @@ defmodule BB.Sensor.Polled do
   @callback open(opts :: keyword()) :: {:ok, device()} | {:error, reason()}
 
   @doc """
-  A reading, `:none` when the device has no new one, or why there is none, with the device where that has changed; `{:stop, reason}` for a reason
-  after which it makes no sense to go on. `now_ns` is the time of the robot's clock.
+  A reading; `:none` when the device has no new one, with a reason where that must not go on; or why there is none, with the device where that
+  has changed; `{:stop, reason}` for a reason after which it makes no sense to go on. `now_ns` is the time of the robot's clock.
   """
-  @callback measure(device(), now_ns :: integer()) ::
-              {:ok, reading :: term(), device()}
-              | {:none, device()}
-              | {:error, reason()}
-              | {:error, reason(), device()}
-              | {:stop, reason()}
+  @callback measure(device(), now_ns :: integer()) :: result()
 
   @doc "Publishes a reading."
   @callback publish(reading :: term(), sensor :: t()) :: :ok
@@ -178,7 +190,6 @@ defmodule BB.Sensor.Polled do
   def handle_info(:tick, sensor) do
     {_dt, _skipped, loop} = Loop.tick(sensor.loop)
     {result, sensor} = measure(%{sensor | loop: loop})
-
     outcome(result, sensor)
   end
 
@@ -187,16 +198,10 @@ defmodule BB.Sensor.Polled do
   @doc """
   What follows from what `c:measure/2` gave, for a driver that also measures when its device tells it to: a return value for `handle_info/2`.
   """
-  @spec outcome(
-          {:ok, reading :: term(), device()}
-          | {:none, device()}
-          | {:error, reason()}
-          | {:error, reason(), device()}
-          | {:stop, reason()},
-          t()
-        ) :: {:noreply, t()} | {:stop, {:shutdown, reason()}, t()}
+  @spec outcome(result(), t()) :: {:noreply, t()} | {:stop, {:shutdown, reason()}, t()}
   def outcome({:ok, reading, device}, sensor), do: measured(reading, succeeded(sensor, device))
   def outcome({:none, device}, sensor), do: {:noreply, succeeded(sensor, device)}
+  def outcome({:none, reason, device}, sensor), do: idle(reason, %{sensor | device: device})
   def outcome({:error, reason}, sensor), do: failed(reason, sensor)
   def outcome({:error, reason, device}, sensor), do: failed(reason, %{sensor | device: device})
   def outcome({:stop, reason}, sensor), do: {:stop, {:shutdown, reason}, sensor}
@@ -240,7 +245,12 @@ defmodule BB.Sensor.Polled do
     {:noreply, sensor}
   end
 
-  defp succeeded(sensor, device), do: %{sensor | device: device, failures: 0}
+  defp succeeded(sensor, device), do: %{sensor | device: device, failures: 0, idle: 0}
+
+  defp idle(_reason, %{idle: idle} = sensor) when idle < @most_idle,
+    do: {:noreply, %{sensor | idle: idle + 1, failures: 0}}
+
+  defp idle(reason, sensor), do: failed(reason, sensor)
 
   defp failed(reason, sensor) do
     if sensor.failures + 1 >= @most_failures or restarted?(reason),

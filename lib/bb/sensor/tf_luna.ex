@@ -60,9 +60,8 @@ defmodule BB.Sensor.TfLuna do
   alias BB.Message.Sensor.Range
 
   @enforce_keys [:device, :settings, :min_signal]
-  defstruct [:device, :settings, :min_signal, :tick, :ordered_ns, unready: 0]
+  defstruct [:device, :settings, :min_signal, :tick, :ordered_ns]
 
-  @most_unready 3
   @most_readings 4
   @reboot_poll_ms 50
   @most_polls 60
@@ -71,7 +70,7 @@ defmodule BB.Sensor.TfLuna do
   Why the sensor does not work: a reason of every device (`t:BB.Bus.I2C.Device.reason/0`), or, with bus and address,
 
   - `:dazzled`: the receiver sees too much light;
-  - `:idle`: the chip answers, and has not measured for #{@most_unready} periods.
+  - `:idle`: the chip answers, and has not measured for some periods.
   """
   @type reason :: Device.reason() | {:dazzled | :idle, String.t(), Device.address()}
 
@@ -151,7 +150,7 @@ defmodule BB.Sensor.TfLuna do
   @impl Polled
   def measure(chip, now_ns) do
     case read(chip) do
-      {:ok, %{tick: tick}} when tick in [0, chip.tick] -> unready(chip, now_ns)
+      {:ok, %{tick: tick}} when tick in [0, chip.tick] -> idle(chip, now_ns)
       {:ok, measurement} -> measured(measurement, chip, now_ns)
       {:error, reason} -> {:error, reason}
     end
@@ -176,7 +175,7 @@ defmodule BB.Sensor.TfLuna do
   defp measured(measurement, chip, now_ns) do
     age_ns = age_ns(chip, now_ns)
 
-    with {:ok, chip} <- order(%{chip | tick: measurement.tick, unready: 0}, now_ns) do
+    with {:ok, chip} <- order(%{chip | tick: measurement.tick}, now_ns) do
       case judge(measurement, chip) do
         {:ok, range} -> {:ok, %{range: range, age_ns: age_ns}, chip}
         {:error, reason} -> {:error, reason, chip}
@@ -187,12 +186,10 @@ defmodule BB.Sensor.TfLuna do
   defp age_ns(%{ordered_ns: nil}, _now_ns), do: 0
   defp age_ns(%{ordered_ns: ordered_ns}, now_ns), do: now_ns - ordered_ns
 
-  # A tick that came late has the next one close behind it.
-  defp unready(%{unready: unready} = chip, now_ns) when unready < @most_unready do
-    with {:ok, chip} <- order(%{chip | unready: unready + 1}, now_ns), do: {:none, chip}
+  defp idle(chip, now_ns) do
+    with {:ok, chip} <- order(chip, now_ns),
+         do: {:none, Device.fault(chip.device, :idle), chip}
   end
-
-  defp unready(chip, _now_ns), do: {:error, Device.fault(chip.device, :idle)}
 
   defp order(%{settings: %{mode: :continuous}} = chip, _now_ns), do: {:ok, chip}
 

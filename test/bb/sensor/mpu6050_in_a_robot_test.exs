@@ -1,6 +1,8 @@
 defmodule BB.Sensor.Mpu6050InARobotTest do
   use ExUnit.Case, async: true
 
+  import BB.Test.Eventually
+
   alias BB.Bus.Sim
   alias BB.Message.Sensor.{Imu, Status}
 
@@ -106,6 +108,22 @@ defmodule BB.Sensor.Mpu6050InARobotTest do
     start_supervised!({Sim, buses: %{@bus => [devices: %{0x68 => {Sim.Mpu6050, []}}]}})
     receive_imu()
   end
+
+  test "a bus that is stuck takes all of its sensors down, and they come back when it is released" do
+    start_robot()
+    receive_imu()
+    :ok = Sim.stuck(@bus)
+    assert receive_status_of(:backoff).reason == {:timeout, @bus, 0x68}
+    assert eventually(fn -> health(:spare).state == :backoff end)
+    assert %{state: :down, error: :timeout} = eventually(fn -> bus_that_is(:down) end)
+
+    :ok = Sim.release(@bus)
+    assert eventually(fn -> health(:imu).state == :up and health(:spare).state == :up end)
+    assert %{error: nil} = bus_that_is(:up)
+  end
+
+  defp bus_that_is(state),
+    do: Enum.find(BB.Bus.I2C.health(), &(&1.bus == @bus and &1.state == state))
 
   test "a brief loss of power is noticed, and the IMU set up anew" do
     start_robot()

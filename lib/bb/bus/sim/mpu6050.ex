@@ -40,7 +40,7 @@ defmodule BB.Bus.Sim.Mpu6050 do
   """
   @behaviour BB.Bus.Sim.Device
 
-  alias BB.Bus.Sim.Motion
+  alias BB.Bus.Sim.{Burst, Motion}
   alias BB.Bus.Sim.Mpu6050.Source
 
   @smplrt_div 0x19
@@ -126,10 +126,9 @@ defmodule BB.Bus.Sim.Mpu6050 do
   end
 
   @impl true
-  def write(<<pointer, values::binary>>, now_ns, chip) do
+  def write(bytes, now_ns, chip) do
     chip = chip |> end_reset(now_ns) |> sample(now_ns)
-    chip = put_all(%{chip | pointer: pointer}, values, now_ns)
-    {:ok, chip}
+    {:ok, Burst.write(bytes, chip, &put(&1, &2, &3, now_ns))}
   end
 
   @impl true
@@ -141,10 +140,10 @@ defmodule BB.Bus.Sim.Mpu6050 do
   end
 
   def read(count, now_ns, chip) do
-    addresses = addresses(chip.pointer, count)
+    addresses = chip.pointer..(chip.pointer + count - 1)
     chip = chip |> end_reset(now_ns) |> sample(now_ns) |> step(addresses)
-    bytes = for address <- addresses, into: <<>>, do: <<get(chip, address)>>
-    {:ok, bytes, clear_status(%{chip | pointer: chip.pointer + count}, addresses)}
+    {bytes, chip} = Burst.read(count, chip, &get(chip, &1))
+    {:ok, bytes, clear_status(chip, addresses)}
   end
 
   @impl true
@@ -195,7 +194,8 @@ defmodule BB.Bus.Sim.Mpu6050 do
 
   defp int16(value), do: <<value |> round() |> max(-32_768) |> min(32_767)::16>>
 
-  defp integer!(_key, value, most) when is_integer(value) and value in 0..most, do: value
+  defp integer!(_key, value, most) when is_integer(value) and value >= 0 and value <= most,
+    do: value
 
   defp integer!(key, value, most) do
     raise ArgumentError, "expected #{key}: an integer in 0..#{most}, got: #{inspect(value)}"
@@ -209,9 +209,6 @@ defmodule BB.Bus.Sim.Mpu6050 do
   end
 
   # Registers as seen from the bus.
-
-  defp addresses(_pointer, 0), do: []
-  defp addresses(pointer, count), do: Enum.to_list(pointer..(pointer + count - 1)//1)
 
   defp get(chip, address) when address in @data_first..@data_last,
     do: :binary.at(chip.data, address - @data_first)
@@ -230,12 +227,6 @@ defmodule BB.Bus.Sim.Mpu6050 do
 
   defp get(_chip, address) when address > @last_register, do: 0
   defp get(chip, address), do: Map.get(chip.registers, address, 0)
-
-  defp put_all(chip, <<>>, _now_ns), do: chip
-
-  defp put_all(chip, <<value, rest::binary>>, now_ns) do
-    %{put(chip, chip.pointer, value, now_ns) | pointer: chip.pointer + 1} |> put_all(rest, now_ns)
-  end
 
   defp put(%{reset_until_ns: until} = chip, _address, _value, _now_ns) when until != nil, do: chip
 

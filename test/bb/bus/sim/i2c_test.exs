@@ -27,24 +27,7 @@ defmodule BB.Bus.Sim.I2CTest do
   end
 
   test "it has the functions that a driver uses of Circuits.I2C" do
-    Code.ensure_loaded!(I2C)
-
-    for {name, arity} <- [
-          open: 1,
-          open: 2,
-          read: 3,
-          read: 4,
-          write: 3,
-          write: 4,
-          write_read: 4,
-          write_read: 5,
-          close: 1,
-          bus_names: 0,
-          detect_devices: 1,
-          device_present?: 2
-        ] do
-      assert function_exported?(I2C, name, arity), "#{name}/#{arity} is missing"
-    end
+    BB.Test.Circuits.assert_i2c(I2C)
   end
 
   test "a missing bus is not found" do
@@ -116,15 +99,7 @@ defmodule BB.Bus.Sim.I2CTest do
   end
 
   test "wrong arguments raise", %{bus: bus, name: name} do
-    assert_raise FunctionClauseError, fn -> I2C.open(:i2c) end
-    assert_raise ArgumentError, ~r/timeout/, fn -> I2C.open(name, timeout: 1.5) end
-    assert_raise ArgumentError, ~r/retries/, fn -> I2C.open(name, retries: -1) end
-    assert_raise ArgumentError, ~r/address/, fn -> I2C.read(bus, "0x42", 1) end
-    assert_raise ArgumentError, ~r/address/, fn -> I2C.read(bus, -1, 1) end
-    assert_raise ArgumentError, ~r/bytes to read/, fn -> I2C.read(bus, 0x42, -1) end
-    assert_raise ArgumentError, fn -> I2C.write(bus, 0x42, [:a]) end
-    assert_raise ArgumentError, ~r/retries/, fn -> I2C.read(bus, 0x42, 1, retries: :many) end
-    assert_raise FunctionClauseError, fn -> I2C.read("i2c-1", 0x42, 1) end
+    BB.Test.Circuits.assert_i2c_raises(I2C, name, bus)
   end
 
   test "transfers from many processes follow one another", %{bus: bus} do
