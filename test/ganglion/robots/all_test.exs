@@ -29,7 +29,9 @@ defmodule Ganglion.Robots.AllTest do
 
   test "each declares a rate, and how long it may be silent" do
     for component <- All.robot().components do
-      assert function_exported?(component.module, :rate, 1)
+      assert Code.ensure_loaded?(component.module) and
+               function_exported?(component.module, :rate, 1)
+
       assert is_integer(component.max_silence_ns)
     end
   end
