@@ -331,6 +331,33 @@ defmodule BB.RingTest do
       refute_received {:bb_ring_passive, ^ref}
     end
 
+    test "who asks for the next one as soon as a message is there gets it, again and again", %{
+      topic: topic,
+      publisher: publisher
+    } do
+      %{ref: ref} = subscriber = attached!(topic, active: :once)
+
+      for n <- 0..4999 do
+        :ok = Publisher.publish(publisher, "#{n}")
+        assert_receive {:bb_ring, ^ref, %Message{sequence: ^n}}, 5000
+        :ok = Subscriber.active(subscriber, :once)
+      end
+    end
+
+    test "who has got its one message may receive the next one by hand at once", %{
+      topic: topic,
+      publisher: publisher
+    } do
+      %{ref: ref} = subscriber = attached!(topic, active: false)
+
+      for n <- 0..499 do
+        :ok = Subscriber.active(subscriber, :once)
+        for m <- [2 * n, 2 * n + 1], do: :ok = Publisher.publish(publisher, "#{m}")
+        assert_receive {:bb_ring, ^ref, %Message{}}, 5000
+        assert {:ok, %Message{}} = Subscriber.recv(subscriber, 5000)
+      end
+    end
+
     test "without credits the ring goes on and the loss is counted", %{
       topic: topic,
       publisher: publisher

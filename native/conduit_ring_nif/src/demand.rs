@@ -130,7 +130,7 @@ impl<W> Demand<W> {
         self.requests.drain(..)
     }
 
-    /// Counts a message given to the owner. True when the last credit went with it.
+    /// Counts a message that the owner is given next. True when the last credit goes with it.
     pub fn delivered(&mut self) -> bool {
         match &mut self.mode {
             Mode::Always => false,

@@ -332,8 +332,10 @@ impl Reader {
         let Some((meta, data)) = self.read() else {
             return self.sleep();
         };
+        // Counted before it is sent: its receiver may ask for the next one at once.
+        let passive = self.resource.0.lock().demand.delivered();
         self.post.message(meta, data);
-        if self.resource.0.lock().demand.delivered() {
+        if passive {
             self.post.passive();
         }
     }
