@@ -18,12 +18,16 @@ config :logger, backends: [RingLogger]
 # BB.Firmware.Guard validates, when the robot works. This one would as soon as the applications have started.
 config :nerves_runtime, startup_guard_enabled: false
 
+# Before anything in /data is used, what is damaged there is set aside.
+config :nerves_runtime, init_module: BB.Firmware.Init
+
 # An update comes in through the gate, and only with a signature that fits the board's key.
 config :ssh_subsystem_fwup,
   precheck_callback: {BB.Firmware.Gate, :precheck, []},
   success_callback: {BB.Firmware.Gate, :written, []}
 
-# Keys only. Nobody gets in before there is a public key in firmware/keys/ssh/.
+# Keys only. Nobody gets in before there is a public key in firmware/keys/ssh/. Those of the image count, and no others: what is added on a
+# running board lies in memory (user_dir), so that a key that is gone from the next image is gone from the board.
 # Who has a key has the console, and with it the board: commands (exec) add nothing to that, and scripts need them. SFTP would be one more way
 # to write into the file system, which nothing here needs.
 ssh_keys = "../firmware/keys/ssh/*.pub" |> Path.expand(__DIR__) |> Path.wildcard()
@@ -34,36 +38,20 @@ config :nerves_ssh,
   exec: :elixir,
   iex_opts: [dot_iex: "/etc/iex.exs"],
   system_dir: "/data/nerves_ssh",
-  user_dir: "/data/nerves_ssh/default_user",
+  user_dir: "/run/nerves_ssh",
   daemon_option_overrides: [auth_methods: ~c"publickey"]
 
-# Wi-Fi, if it is given at build time. What is configured on the board itself is kept in /data and goes before this.
-wifi =
-  case System.get_env("GANGLION_WIFI_SSID") do
-    nil ->
-      %{type: VintageNetWiFi}
-
-    ssid ->
-      psk = System.fetch_env!("GANGLION_WIFI_PASSPHRASE")
-      network = %{key_mgmt: :wpa_psk, ssid: ssid, psk: psk}
-
-      %{
-        type: VintageNetWiFi,
-        vintage_net_wifi: %{networks: [network]},
-        ipv4: %{method: :dhcp}
-      }
-  end
-
+# Which Wi-Fi, and by what name, is the card's affair (firmware/provisioning.conf, BB.Firmware.Provisioning): one image is for many robots.
 config :vintage_net,
-  regulatory_domain: System.get_env("GANGLION_WIFI_COUNTRY", "00"),
+  regulatory_domain: "00",
   config: [
     {"usb0", %{type: VintageNetDirect}},
     {"eth0", %{type: VintageNetEthernet, ipv4: %{method: :dhcp}}},
-    {"wlan0", wifi}
+    {"wlan0", %{type: VintageNetWiFi}}
   ]
 
 config :mdns_lite,
-  hosts: [:hostname, System.get_env("GANGLION_NAME", "ganglion")],
+  hosts: [:hostname, "ganglion"],
   ttl: 120,
   services: [%{protocol: "ssh", transport: "tcp", port: 22}]
 

@@ -183,7 +183,7 @@ defmodule BB.Safety do
 
   When that process ends, however it does, the path forbids arming again, with the reason `:unattended`, and a robot that is armed is
   disarmed at once. There is no moment in between. So who watches over a robot calls this instead of `allow/2`: nobody arms the
-  robot, and it does not stay armed, while nobody watches. Its successor vouches anew.
+  robot, and it does not stay armed, while nobody watches. Its successor vouches anew. `allow/2` ends it.
 
       BB.Safety.inhibit(robot, path, :starting)
       …

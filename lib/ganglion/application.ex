@@ -2,7 +2,7 @@ defmodule Ganglion.Application do
   @moduledoc false
   use Application
 
-  alias BB.Firmware.{Gate, Guard, Network}
+  alias BB.Firmware.{Gate, Guard, Network, Provisioning}
 
   @impl Application
   def start(_type, _args) do
@@ -38,7 +38,7 @@ defmodule Ganglion.Application do
     watchers =
       for module <- [Guard, Gate, Network], do: {module, [robot: robot] ++ options(module)}
 
-    watchers ++ [robot]
+    [Provisioning] ++ watchers ++ [robot]
   end
 
   defp options(module), do: Application.get_env(:ganglion, module, [])

@@ -4,21 +4,22 @@ defmodule Ganglion.Console do
 
   | look | |
   |---|---|
-  | `sensors` | each sensor: state, rate, age of its last message, and what is wrong |
-  | `health` | each component that can be down, and why it is or was |
+  | `sensors()` | each sensor: state, rate, age of its last message, and what is wrong |
+  | `health()` | each component that can be down, and why it is or was |
   | `watch [:sensor, :base_link]` | what is published there, for ten seconds |
-  | `topics` | every source on the pubsub |
-  | `ring` | every topic in shared memory |
-  | `params` | the parameters and their values |
-  | `firmware` | what runs here, whether it stays, and why the one before did not |
-  | `i2c_scan` | which addresses answer on the I²C buses |
+  | `topics()` | every source on the pubsub |
+  | `ring()` | every topic in shared memory |
+  | `params()` | the parameters and their values |
+  | `firmware()` | what runs here, whether it stays, and why the one before did not |
+  | `i2c_scan()` | which addresses answer on the I²C buses |
 
   | act | |
   |---|---|
-  | `arm`, `disarm` | let the robot move, make it safe |
-  | `estop`, `release` | make it safe and keep it so, until released |
+  | `arm()`, `disarm()` | let the robot move, make it safe |
+  | `estop()`, `release()` | make it safe and keep it so, until released |
 
-  Each takes a robot as its last argument; without one it is that of the configuration (`config :ganglion, :robot`), or `Ganglion.Robot`.
+  The parentheses belong to them: without, Elixir takes the word for a variable. Each takes a robot as its last argument;
+  without one it is that of the configuration (`config :ganglion, :robot`), or `Ganglion.Robot`.
   They print, fit 80 columns, return nothing of interest, and never raise: what goes wrong is a line that says so.
   """
 

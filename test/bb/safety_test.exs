@@ -632,11 +632,20 @@ defmodule BB.SafetyTest do
       assert eventually(fn -> Safety.state(robot) == :disarmed end)
     end
 
-    test "is over with inhibit/3, and the process may end without consequence" do
+    test "disarms too when its process forbade arming before it ended" do
       robot = bare()
       watcher = watcher(robot, [:estop])
+      :ok = Safety.arm(robot)
       :ok = Safety.inhibit(robot, [:estop], :pressed)
+      assert Safety.armed?(robot)
+      kill(watcher)
+      assert eventually(fn -> Safety.state(robot) == :disarmed end)
       assert Safety.arm(robot) == {:error, {:inhibited, [{[:estop], :pressed}]}}
+    end
+
+    test "is over with allow/2, and the process may end without consequence" do
+      robot = bare()
+      watcher = watcher(robot, [:estop])
       :ok = Safety.allow(robot, [:estop])
       :ok = Safety.arm(robot)
       kill(watcher)

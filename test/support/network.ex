@@ -27,4 +27,17 @@ defmodule BB.Test.Network do
   @impl BB.Firmware.Network.Source
   def change(network, {__MODULE__, network, state}), do: {:ok, state}
   def change(_network, _message), do: :error
+
+  # Tells the process that has started the network, as the board in memory tells one.
+  @impl BB.Firmware.Network.Source
+  def name(network, name), do: tell(network, {:name, name})
+
+  @impl BB.Firmware.Network.Source
+  def join(network, wifi), do: tell(network, {:join, wifi})
+
+  defp tell(network, what) do
+    {:links, [starter | _]} = Process.info(network, :links)
+    _ = send(starter, {__MODULE__, what})
+    :ok
+  end
 end

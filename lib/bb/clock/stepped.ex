@@ -36,7 +36,8 @@ defmodule BB.Clock.Stepped do
   @doc """
   Lets `duration_ns` nanoseconds pass for a robot, and returns when everything that was due has been handled.
 
-  `settle:` names processes that are waited for too after each message, in their order: those that get messages from the receivers.
+  `settle:` names processes that are waited for too, before the first message and after each, in their order: those that get messages from others than
+  the clock.
 
   Raises `ArgumentError` when the robot's clock is real. A receiver that does not come back within #{div(@settle_ms, 1000)} s ends the caller
   with the exit of `:sys.get_state/1`.
@@ -45,6 +46,7 @@ defmodule BB.Clock.Stepped do
   def advance(robot, duration_ns, opts \\ []) when is_integer(duration_ns) and duration_ns >= 0 do
     [settle: settle] = Keyword.validate!(opts, settle: [])
     clock = stepped!(robot)
+    Enum.each(settle, &settle/1)
     run(clock, now_ns(clock) + duration_ns, settle)
   end
 

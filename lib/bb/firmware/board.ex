@@ -41,6 +41,9 @@ defmodule BB.Firmware.Board do
   @doc "What is known of the running firmware, for a person: `%{\"nerves_fw_version\" => …}`."
   @callback firmware(handle :: term()) :: %{String.t() => String.t()} | {:error, term()}
 
+  @doc "What the board's card was told when it was burned, as `BB.Firmware.Provisioning` reads it. Never an empty string."
+  @callback provisioned(handle :: term()) :: %{String.t() => String.t()} | {:error, term()}
+
   @doc "The board that the configuration names."
   @spec configured() :: t()
   def configured, do: Application.get_env(:ganglion, :board, {BB.Firmware.Board.None, []})
@@ -82,12 +85,14 @@ defmodule BB.Firmware.Board do
 
   @doc "See `c:firmware/1`. An empty map where nothing is known."
   @spec firmware(t()) :: %{String.t() => String.t()}
-  def firmware(board) do
-    case call(board, :firmware, []) do
-      %{} = firmware -> firmware
-      {:error, _reason} -> %{}
-    end
-  end
+  def firmware(board), do: known(call(board, :firmware, []))
+
+  @doc "See `c:provisioned/1`. An empty map where nothing is known."
+  @spec provisioned(t()) :: %{String.t() => String.t()}
+  def provisioned(board), do: known(call(board, :provisioned, []))
+
+  defp known(%{} = known), do: known
+  defp known({:error, _reason}), do: %{}
 
   defp call({module, handle}, function, args) do
     apply(module, function, [handle | args])

@@ -138,6 +138,10 @@ defmodule BB.Safety.Table do
         do: {path, reason}
   end
 
+  @doc "Whether anything is kept for a path: that it inhibits arming, or that a process vouches for it."
+  @spec watched?(module(), [atom()]) :: boolean()
+  def watched?(robot, path), do: :ets.member(@entries, {:inhibition, robot, path})
+
   defp inhibition_rows(robot),
     do: :ets.match_object(@entries, {{:inhibition, robot, :_}, :_, :_})
 

@@ -220,10 +220,10 @@ defmodule BB.Safety.Warden do
     end
   end
 
-  def handle_info({:DOWN, ref, :process, pid, _reason}, warden) do
+  def handle_info({:DOWN, ref, :process, _pid, _reason}, warden) do
     case Map.pop(warden.watched, ref) do
       {nil, _} -> noreply(warden)
-      {{:voucher, path}, watched} -> noreply(unvouched(%{warden | watched: watched}, path, pid))
+      {{:voucher, path}, watched} -> noreply(unvouched(%{warden | watched: watched}, path))
       {role, watched} -> noreply(lost(%{warden | watched: watched}, role))
     end
   end
@@ -279,9 +279,9 @@ defmodule BB.Safety.Warden do
     become(warden, Map.put(warden.record, role, nil))
   end
 
-  # It may have forbidden arming before it ended, or another may vouch in its place.
-  defp unvouched(warden, path, pid) do
-    if {path, pid} in Table.vouchers(warden.record.robot),
+  # Somebody may have said meanwhile that nobody need watch.
+  defp unvouched(warden, path) do
+    if Table.watched?(warden.record.robot, path),
       do: disarm(warden, nil, @timeout_ms, {{:voucher, path}, :ended}),
       else: warden
   end

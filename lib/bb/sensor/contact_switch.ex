@@ -17,9 +17,9 @@ defmodule BB.Sensor.ContactSwitch do
                 "The pin's own resistor; `:none` where one is soldered in. A contact to the supply needs `:pulldown`."
             ],
             debounce: [
-              type: BB.Unit.option(:second, 0, 1),
+              type: BB.Unit.option(:second, 0.001, 1),
               default: 0.005,
-              doc: "How long it may bounce: seconds or a unit of time, at most 1 s."
+              doc: "How long it may bounce: seconds or a unit of time, 1 ms to 1 s."
             ]
           ] ++ Line.options() ++ Polled.options(rate: {0.1, 100}, default: 10)
 

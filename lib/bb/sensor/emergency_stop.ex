@@ -42,7 +42,8 @@ defmodule BB.Sensor.EmergencyStop do
     contact that breaks for a moment is a contact that was open. Should an interrupt be lost, it sees the open contact at its next reading.
   - When the contact was closed for the release time, arming is allowed again. The robot stays disarmed: to arm it is somebody's decision.
   - It vouches for what it allows (`BB.Safety.vouch/2`): when its process ends, for whatever reason, an armed robot is disarmed and
-    arming is forbidden (`:unattended`) until its successor has seen a closed contact. So a crash opens no window, nor does a new option.
+    arming is forbidden (`:unattended`) until its successor has seen a closed contact. So a crash opens no window. Nor does a new value of a parameter
+    that an option follows: the robot is disarmed, and the line opened anew.
 
   `disarm/1` of an actuator takes its time; what is immediate is that the robot is not armed any more, from which on actuators take
   no commands.
@@ -69,10 +70,12 @@ defmodule BB.Sensor.EmergencyStop do
     # A stop does not queue behind what the robot computes.
     Process.flag(:priority, :high)
     bb = opts[:bb]
-    Safety.inhibit(bb.robot, bb.path, :starting)
+    :ok = Safety.inhibit(bb.robot, bb.path, :starting)
+    # While new options are taken on, nobody watches.
+    _ = Safety.disarm(bb.robot)
 
     with {:error, reason} <- Line.open_with(fn -> open_line(opts) end, &watch(&1, opts)) do
-      halt(bb, :failed)
+      :ok = Safety.inhibit(bb.robot, bb.path, :failed)
       {:error, reason}
     end
   end
@@ -94,7 +97,7 @@ defmodule BB.Sensor.EmergencyStop do
   end
 
   defp begin(:released, bb), do: Safety.vouch(bb.robot, bb.path)
-  defp begin(:halted, bb), do: halt(bb, :pressed)
+  defp begin(:halted, bb), do: Safety.inhibit(bb.robot, bb.path, :pressed)
 
   @impl Polled
   def close(stop), do: Line.close(stop.line)

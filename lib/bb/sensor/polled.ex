@@ -36,7 +36,8 @@ defmodule BB.Sensor.Polled do
 
   A reading is published when it was made, or not at all. After three failed readings in a row the sensor stops with the last one's reason, and
   is started again as its robot's supervision says. What answers after a failed reading may be a device that was plugged in anew:
-  `c:check/1` is called before the next one. A reason of the kind `:restarted` (`t:BB.Bus.I2C.Device.reason/0`) stops the sensor at once, so
+  `c:check/1` is called before the next one. It is called each half second too, since bits that flip on the wires make readings that look like any other, and
+  show only in what is known. A reason of the kind `:restarted` (`t:BB.Bus.I2C.Device.reason/0`) stops the sensor at once, so
   that the device is set up again, and so does `{:stop, reason}` from `c:measure/2`.
 
   A device that should have a new reading and has none (`{:none, reason, device}`) is not asked in vain for ever: from the fourth time in a row on it is a failed reading. (A tick that came late has
@@ -50,17 +51,23 @@ defmodule BB.Sensor.Polled do
 
   @most_failures 3
   @most_idle 3
+  @check_ms 500
+  @check_ns @check_ms * 1_000_000
 
   @enforce_keys [:module, :bb, :frame_id, :device, :loop]
-  defstruct [:module, :bb, :frame_id, :device, :loop, failures: 0, idle: 0]
+  defstruct [:module, :bb, :frame_id, :device, :loop, :checked_ns, failures: 0, idle: 0]
 
-  @typedoc "The sensor's state: `device` is the driver's, `failures` counts those in a row, `idle` how often there was nothing new."
+  @typedoc """
+  The sensor's state: `device` is the driver's, `failures` counts those in a row, `idle` how often in a row there was nothing new, `checked_ns` is when
+  it was checked last.
+  """
   @type t :: %__MODULE__{
           module: module(),
           bb: BB.Sensor.bb(),
           frame_id: atom(),
           device: device(),
           loop: Loop.t(),
+          checked_ns: integer() | nil,
           failures: non_neg_integer(),
           idle: non_neg_integer()
         }
@@ -70,6 +77,15 @@ defmodule BB.Sensor.Polled do
 
   @typedoc "Why it does not work, for the driver's `explain/1`."
   @type reason :: term()
+
+  @typedoc "What `c:measure/2` gives."
+  @type result ::
+          {:ok, reading :: term(), device()}
+          | {:none, device()}
+          | {:none, reason(), device()}
+          | {:error, reason()}
+          | {:error, reason(), device()}
+          | {:stop, reason()}
 
   @doc """
   Opens the device, makes sure that it is the right one and works, and sets it up. It may wait: it runs in the sensor's own process.
@@ -81,13 +97,7 @@ defmodule BB.Sensor.Polled do
   A reading; `:none` when the device has no new one, with a reason where that must not go on; or why there is none, with the device where that
   has changed; `{:stop, reason}` for a reason after which it makes no sense to go on. `now_ns` is the time of the robot's clock.
   """
-  @callback measure(device(), now_ns :: integer()) ::
-              {:ok, reading :: term(), device()}
-              | {:none, device()}
-              | {:none, reason(), device()}
-              | {:error, reason()}
-              | {:error, reason(), device()}
-              | {:stop, reason()}
+  @callback measure(device(), now_ns :: integer()) :: result()
 
   @doc "Publishes a reading."
   @callback publish(reading :: term(), sensor :: t()) :: :ok
@@ -95,7 +105,7 @@ defmodule BB.Sensor.Polled do
   @doc "Gives the device back."
   @callback close(device()) :: term()
 
-  @doc "Makes sure, after a failed reading, that the device still is as `c:open/1` left it. By default it is taken to be."
+  @doc "Makes sure, after a failed reading and each #{@check_ms} ms, that the device still is as `c:open/1` left it. By default it is taken to be."
   @callback check(device()) :: :ok | {:error, reason()}
 
   @doc "How often to measure, in Hz. By default it is the option `:rate`."
@@ -179,9 +189,8 @@ defmodule BB.Sensor.Polled do
   @spec handle_info(term(), t()) :: {:noreply, t()} | {:stop, {:shutdown, reason()}, t()}
   def handle_info(:tick, sensor) do
     {_dt, _skipped, loop} = Loop.tick(sensor.loop)
-    sensor = %{sensor | loop: loop}
-
-    sensor |> measure() |> outcome(sensor)
+    {result, sensor} = measure(%{sensor | loop: loop})
+    outcome(result, sensor)
   end
 
   def handle_info(_late, sensor), do: {:noreply, sensor}
@@ -189,15 +198,7 @@ defmodule BB.Sensor.Polled do
   @doc """
   What follows from what `c:measure/2` gave, for a driver that also measures when its device tells it to: a return value for `handle_info/2`.
   """
-  @spec outcome(
-          {:ok, reading :: term(), device()}
-          | {:none, device()}
-          | {:none, reason(), device()}
-          | {:error, reason()}
-          | {:error, reason(), device()}
-          | {:stop, reason()},
-          t()
-        ) :: {:noreply, t()} | {:stop, {:shutdown, reason()}, t()}
+  @spec outcome(result(), t()) :: {:noreply, t()} | {:stop, {:shutdown, reason()}, t()}
   def outcome({:ok, reading, device}, sensor), do: measured(reading, succeeded(sensor, device))
   def outcome({:none, device}, sensor), do: {:noreply, succeeded(sensor, device)}
   def outcome({:none, reason, device}, sensor), do: idle(reason, %{sensor | device: device})
@@ -224,8 +225,18 @@ defmodule BB.Sensor.Polled do
     }
   end
 
-  defp measure(%{failures: 0} = sensor), do: ask(sensor)
-  defp measure(sensor), do: with(:ok <- sensor.module.check(sensor.device), do: ask(sensor))
+  defp measure(sensor) do
+    if check_due?(sensor),
+      do: {check_and_ask(sensor), %{sensor | checked_ns: sensor.loop.last_ns}},
+      else: {ask(sensor), sensor}
+  end
+
+  defp check_due?(%{checked_ns: nil}), do: true
+  defp check_due?(%{failures: failures}) when failures > 0, do: true
+  defp check_due?(sensor), do: sensor.loop.last_ns - sensor.checked_ns >= @check_ns
+
+  defp check_and_ask(sensor),
+    do: with(:ok <- sensor.module.check(sensor.device), do: ask(sensor))
 
   defp ask(sensor), do: sensor.module.measure(sensor.device, sensor.loop.last_ns)
 

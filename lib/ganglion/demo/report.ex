@@ -3,7 +3,8 @@ defmodule Ganglion.Demo.Report do
   What the demonstration shows, from what it has observed: pure text and data.
   """
 
-  alias BB.Message.Sensor.Imu
+  alias BB.Message.Sensor.{Contact, Imu, JointState, PowerState, Range}
+  alias BB.Message.System.Status
   alias BB.Message.Vision.TagDetections
   alias BB.Math.Vec3
   alias Ganglion.Console.Table
@@ -153,6 +154,23 @@ defmodule Ganglion.Demo.Report do
 
   defp describe(%Imu{angular_velocity: turn, linear_acceleration: acceleration}),
     do: "#{decimal(length_of(turn))} rad/s, #{decimal(length_of(acceleration))} m/s2"
+
+  defp describe(%JointState{positions: [position], velocities: velocities}),
+    do:
+      Enum.join(
+        ["#{decimal(position)} rad" | for(v <- velocities, do: "#{decimal(v)} rad/s")],
+        ", "
+      )
+
+  defp describe(%PowerState{voltage: voltage, current: current}),
+    do: "#{decimal(voltage)} V, #{decimal(current)} A"
+
+  defp describe(%Status{load_1_min: load, memory_available: bytes}),
+    do: "load #{decimal(load)}, #{div(bytes, 1_000_000)} MB free"
+
+  defp describe(%Range{range: :infinity}), do: "nothing in reach"
+  defp describe(%Range{range: range}), do: "#{decimal(range)} m"
+  defp describe(%Contact{pressed: pressed?}), do: if(pressed?, do: "pressed", else: "not pressed")
 
   defp describe(%TagDetections{detections: []}), do: "no tag in sight"
 

@@ -193,7 +193,7 @@ defmodule BB.Sensor.ConformanceTest do
   describe "a driver does not pass" do
     for {sin, check, words} <-
           [
-            takes_any_chip: {:identity, ~r/refuses another chip/},
+            takes_any_chip: {:identity, ~r/refuses to work with another chip/},
             repeats_itself: {:faults, ~r/reports nak/},
             repeats_itself_once: {:faults, ~r/while there was nak it published 1/},
             has_no_words: {:faults, ~r/add a clause to explain/},

@@ -187,13 +187,15 @@ defmodule BB.Sensor.EmergencyStopTest do
     assert eventually(fn -> Safety.arm(robot) == :ok end)
   end
 
-  test "new options leave the robot armed when the contact is closed", context do
+  test "new options disarm the robot, which can be armed when the contact is closed with them",
+       context do
     robot = armed!(context)
     :ok = BB.Parameter.set(robot, [:release], 0.03)
-    assert eventually(fn -> settled(robot) == 30_000_000 end)
-    assert Safety.armed?(robot)
-    :ok = Lines.tell(context.chip, :button, :press)
     assert_disarmed(robot)
+    assert eventually(fn -> Safety.arm(robot) == :ok end)
+    :ok = Lines.tell(context.chip, :button, :press)
+    assert eventually(fn -> Safety.state(robot) == :disarmed end)
+    assert Safety.arm(robot) == @pressed
   end
 
   test "the robot started anew is not armed before the stop has been looked at", context do
@@ -214,9 +216,4 @@ defmodule BB.Sensor.EmergencyStopTest do
 
   defp alive(pid) when is_pid(pid), do: pid
   defp alive(:undefined), do: nil
-
-  defp settled(robot) do
-    state = :sys.get_state(BB.Process.whereis(robot, :estop))
-    state.user_state.device.decision.release_ns
-  end
 end

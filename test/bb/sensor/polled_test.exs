@@ -74,14 +74,15 @@ defmodule BB.Sensor.PolledTest do
     refute_received {:bb, _, _}
   end
 
-  test "after a failed reading it is checked, and what the check says is a failed reading too", %{
-    bench: bench,
-    device: device
-  } do
+  test "at the first and after a failed reading it is checked, and what the check says is a failed reading too",
+       %{
+         bench: bench,
+         device: device
+       } do
     tell(device, [{:error, :first}, {:check, {:error, :second}}, {:check, {:error, :third}}])
     pid = Bench.start!(bench, device: device)
     assert Bench.reason_of_end(pid) == {:shutdown, :third}
-    assert [{:measured, _}, :checked, :checked, :closed] = log(device)
+    assert [:checked, {:measured, _}, :checked, :checked, :closed] = log(device)
   end
 
   test "a device that was restarted ends it at once, and so does a reading that says so", %{
@@ -139,6 +140,13 @@ defmodule BB.Sensor.PolledTest do
     assert times
            |> Enum.chunk_every(2, 1, :discard)
            |> Enum.all?(fn [a, b] -> b - a == 5_000_000 end)
+  end
+
+  test "it is checked each half second", %{bench: bench, device: device} do
+    start_supervised!({BB.Clock.Stepped, robot: bench.robot})
+    Bench.start!(bench, device: device, rate: 10)
+    :ok = BB.Clock.Stepped.advance(bench.robot, 10_000_000_000)
+    assert Enum.count(log(device), &(&1 == :checked)) == 20
   end
 
   test "it gives the device back when it ends, and when it gets new options opens it anew", %{

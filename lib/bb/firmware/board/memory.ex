@@ -13,10 +13,12 @@ defmodule BB.Firmware.Board.Memory do
 
   @behaviour BB.Firmware.Board
 
-  @doc "Options: `status:` (`:unvalidated`), `tell:` a process, `firmware:` a map."
+  @doc "Options: `status:` (`:unvalidated`), `tell:` a process, `firmware:` and `provisioned:` maps."
   @spec start_link(keyword()) :: Agent.on_start()
   def start_link(opts \\ []) do
-    opts = Keyword.validate!(opts, status: :unvalidated, tell: nil, firmware: %{})
+    opts =
+      Keyword.validate!(opts, status: :unvalidated, tell: nil, firmware: %{}, provisioned: %{})
+
     Agent.start_link(fn -> Map.new(opts) |> Map.merge(%{heart: nil, answers: %{}}) end)
   end
 
@@ -63,6 +65,9 @@ defmodule BB.Firmware.Board.Memory do
 
   @impl BB.Firmware.Board
   def firmware(memory), do: Agent.get(memory, & &1.firmware)
+
+  @impl BB.Firmware.Board
+  def provisioned(memory), do: Agent.get(memory, & &1.provisioned)
 
   defp act(memory, name, call, fun) do
     Agent.get_and_update(memory, fn state ->

@@ -17,6 +17,8 @@ defmodule BB.Firmware.Board.Nerves do
     do: @compile({:no_warn_undefined, [Runtime, FwupOps, Heart, KV]})
 
   @fwup_limit_ms 30_000
+  # What firmware/provisioning.conf writes; a variable that was not given is an empty string there.
+  @ours "ganglion_"
   @shown ~w(nerves_fw_product nerves_fw_version nerves_fw_uuid nerves_fw_platform)
 
   @impl BB.Firmware.Board
@@ -68,6 +70,10 @@ defmodule BB.Firmware.Board.Nerves do
 
   @impl BB.Firmware.Board
   def firmware(_handle), do: Map.take(KV.get_all_active(), @shown)
+
+  @impl BB.Firmware.Board
+  def provisioned(_handle),
+    do: for({@ours <> name, value} when value != "" <- KV.get_all(), into: %{}, do: {name, value})
 
   defp choose_the_other do
     Runtime.revert(reboot: false)

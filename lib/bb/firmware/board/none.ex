@@ -26,4 +26,7 @@ defmodule BB.Firmware.Board.None do
 
   @impl BB.Firmware.Board
   def firmware(_handle), do: %{}
+
+  @impl BB.Firmware.Board
+  def provisioned(_handle), do: %{}
 end

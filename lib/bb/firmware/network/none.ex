@@ -11,4 +11,10 @@ defmodule BB.Firmware.Network.None do
 
   @impl BB.Firmware.Network.Source
   def change(_handle, _message), do: :error
+
+  @impl BB.Firmware.Network.Source
+  def name(_handle, _name), do: :ok
+
+  @impl BB.Firmware.Network.Source
+  def join(_handle, _wifi), do: :ok
 end

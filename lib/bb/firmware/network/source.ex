@@ -11,6 +11,11 @@ defmodule BB.Firmware.Network.Source do
   alias BB.Message.Network.Connection
 
   @type t :: {module(), handle :: term()}
+  @type wifi :: %{
+          ssid: String.t(),
+          passphrase: String.t() | nil,
+          country: String.t() | nil
+        }
 
   @doc "Sends the calling process a message at each change from now on."
   @callback subscribe(handle :: term()) :: :ok
@@ -20,6 +25,12 @@ defmodule BB.Firmware.Network.Source do
 
   @doc "The state that such a message tells, `:error` when it is about something else."
   @callback change(handle :: term(), message :: term()) :: {:ok, Connection.state()} | :error
+
+  @doc "Gives the board that name on its network."
+  @callback name(handle :: term(), String.t()) :: :ok | {:error, term()}
+
+  @doc "Joins that Wi-Fi, unless a person has set one up on the board itself. `nil` for none given."
+  @callback join(handle :: term(), wifi()) :: :ok | {:error, term()}
 
   @doc "The source that the configuration names."
   @spec configured() :: t()
@@ -50,6 +61,22 @@ defmodule BB.Firmware.Network.Source do
   @doc "See `c:change/2`."
   @spec change(t(), term()) :: {:ok, Connection.state()} | :error
   def change({module, handle}, message), do: module.change(handle, message)
+
+  @doc "See `c:name/2`. What goes wrong is an error."
+  @spec name(t(), String.t()) :: :ok | {:error, term()}
+  def name({module, handle}, name), do: try_to(fn -> module.name(handle, name) end)
+
+  @doc "See `c:join/2`. What goes wrong is an error."
+  @spec join(t(), wifi()) :: :ok | {:error, term()}
+  def join({module, handle}, wifi), do: try_to(fn -> module.join(handle, wifi) end)
+
+  defp try_to(fun) do
+    fun.()
+  rescue
+    error -> {:error, Exception.message(error)}
+  catch
+    kind, reason -> {:error, {kind, reason}}
+  end
 
   @doc """
   Whether a state reaches at least as far as another.

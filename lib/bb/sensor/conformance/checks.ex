@@ -14,14 +14,9 @@ defmodule BB.Sensor.Conformance.Checks do
   @spec identity(Setting.t()) :: :ok
   def identity(setting) do
     Bench.on(setting, [device: setting.other_device], fn bench ->
-      row = Bench.await_down(bench, "refuses another chip")
-      explained!(bench, row, "another chip")
-      tried_again(bench, row)
-      none!(Bench.messages(bench), "of another chip it published")
-      :ok = setting.wires.exchange(bench.place, setting.device)
-      Bench.await_up(bench)
-      _ = Bench.await_message(bench)
-      :ok
+      comes_up(bench, "another chip", fn ->
+        :ok = setting.wires.exchange(bench.place, setting.device)
+      end)
     end)
   end
 
@@ -31,14 +26,19 @@ defmodule BB.Sensor.Conformance.Checks do
     absence = setting.wires.absence()
 
     Bench.on(setting, [broken: absence], fn bench ->
-      row = Bench.await_down(bench, "says that its device is absent")
-      explained!(bench, row, "its absence")
-      tried_again(bench, row)
-      _ = Bench.mend(bench, absence)
-      Bench.await_up(bench)
-      _ = Bench.await_message(bench)
-      :ok
+      comes_up(bench, "an absent device", fn -> Bench.mend(bench, absence) end)
     end)
+  end
+
+  defp comes_up(bench, trouble, end_it) do
+    row = Bench.await_down(bench, "refuses to work with #{trouble}")
+    explained!(bench, row, trouble)
+    tried_again(bench, row)
+    none!(Bench.messages(bench), "with #{trouble} it published")
+    _ = end_it.()
+    Bench.await_up(bench)
+    _ = Bench.await_message(bench)
+    :ok
   end
 
   @doc "Each fault is one status, one alarm and no message for as long as it lasts; then it is up and publishes anew."

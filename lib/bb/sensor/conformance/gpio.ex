@@ -6,7 +6,7 @@ defmodule BB.Sensor.Conformance.GPIO do
   alias BB.Bus.Sim.Lines
 
   @device :device
-  @storm_hz 2_000
+  @storm_hz 1_777
 
   @impl true
   def faults, do: [:unplug, :cut, :short, :storm]

@@ -26,7 +26,7 @@ defmodule BB.Sensor.Conformance.Setting do
           driver: module(),
           options: keyword() | (map() -> keyword()),
           wires: module(),
-          device: device(),
+          device: device() | term(),
           address: byte() | nil,
           other_device: device() | nil,
           event: (map(), pos_integer() -> term()) | nil,
@@ -38,6 +38,7 @@ defmodule BB.Sensor.Conformance.Setting do
 
   @accepted [
     :driver,
+    :wires,
     :device,
     :address,
     :other_device,
@@ -53,8 +54,8 @@ defmodule BB.Sensor.Conformance.Setting do
   def new!(opts) do
     opts = Keyword.validate!(opts, @accepted)
     {driver, options} = pair!(opts, :driver)
-    device = pair!(opts, :device)
-    wires = wires(device)
+    device = if opts[:wires], do: opts[:device], else: pair!(opts, :device)
+    wires = opts[:wires] || wires(device)
     faults = opts[:faults] || wires.faults()
     known!(Enum.uniq(faults ++ (opts[:unseen] || [])), wires.faults())
 
@@ -63,7 +64,7 @@ defmodule BB.Sensor.Conformance.Setting do
       options: options,
       wires: wires,
       device: device,
-      address: opts[:address] || address(driver, options),
+      address: opts[:address] || option(driver, options, :address),
       other_device: opts[:other_device],
       event: opts[:event],
       faults: faults,
@@ -82,8 +83,6 @@ defmodule BB.Sensor.Conformance.Setting do
 
   # A device on lines has pins.
   defp wires({model, _options}), do: if(function_exported?(model, :pins, 0), do: GPIO, else: I2C)
-
-  defp address(driver, options), do: option(driver, options, :address)
 
   defp default(driver, key) do
     schema = BB.Options.new!(driver.options_schema()).schema

@@ -24,7 +24,7 @@ defmodule BB.Sensor.ContactSwitch.Debounce do
           unrest: non_neg_integer()
         }
 
-  # So many waits, one after the other, are no hand.
+  # So many waits are no hand.
   @most_unrest 50
 
   @doc "A contact at rest."
@@ -33,7 +33,8 @@ defmodule BB.Sensor.ContactSwitch.Debounce do
 
   @doc """
   An edge: `{:wait, until_ns, debounce}` for when to look, `{:same, debounce}` while that is still to come, or `:restless` when
-  #{@most_unrest} times in a row an edge came before the line had been quiet for as long as it was waited for.
+  #{@most_unrest} times an edge came before the line had been quiet for as long as it was waited for; one after a rest makes up for as many of them as
+  it lasted such times, so that a few on a busy machine, where edges are heard late, make up for little.
   """
   @spec edge(t(), integer()) :: {:wait, integer(), t()} | {:same, t()} | :restless
   def edge(%{waiting?: true} = debounce, _now_ns), do: {:same, debounce}
@@ -55,9 +56,12 @@ defmodule BB.Sensor.ContactSwitch.Debounce do
     {what, %{debounce | level: level, waiting?: false, rested_ns: now_ns}}
   end
 
-  defp unrest(%{rested_ns: rested_ns} = debounce, now_ns)
-       when rested_ns != nil and now_ns - rested_ns < debounce.window_ns,
-       do: debounce.unrest + 1
+  defp unrest(%{rested_ns: nil}, _now_ns), do: 0
 
-  defp unrest(_debounce, _now_ns), do: 0
+  defp unrest(debounce, now_ns) do
+    case div(now_ns - debounce.rested_ns, max(debounce.window_ns, 1)) do
+      0 -> debounce.unrest + 1
+      rests -> max(debounce.unrest - rests, 0)
+    end
+  end
 end

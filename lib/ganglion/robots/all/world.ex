@@ -12,13 +12,24 @@ defmodule Ganglion.Robots.All.World do
           {:i2c, bus :: String.t(), address :: byte()}
           | {:gpio, chip :: String.t(), device :: atom(), lines :: [non_neg_integer()]}
 
+  @motor_velocity 40.0
+
   @i2c [
     {:imu, "i2c-1", 0x68, {Sim.Mpu6050, source: :motion}},
     {:battery, "i2c-1", 0x40, {Sim.Ina219, source: [voltage: 11.1, current: 1.5]}},
-    {:motors, "i2c-2", 0x41, {Sim.Ina219, source: [voltage: 11.0, current: 0.8]}}
+    {:motors, "i2c-2", 0x41, {Sim.Ina219, source: [voltage: 11.0, current: 0.8]}},
+    {:elbow, "i2c-2", 0x36, {Sim.As5600, source: [angle: 0.7]}},
+    {:lidar, "i2c-2", 0x10, {Sim.TfLuna, source: [distance: 2.5]}}
   ]
 
-  @gpio []
+  @gpio [
+    left_encoder: {Sim.Encoder, pins: [a: 5, b: 6], pulses: 11, velocity: @motor_velocity},
+    right_encoder: {Sim.Encoder, pins: [a: 12, b: 13], pulses: 11, velocity: -@motor_velocity},
+    sonar: {Sim.HcSr04, pins: [trigger: 23, echo: 24], distance: 1.2},
+    bumper_left: {Sim.Contact, pins: [contact: 17]},
+    bumper_right: {Sim.Contact, pins: [contact: 22]},
+    estop: {Sim.Contact, pins: [contact: 27], normally: :closed}
+  ]
 
   @chip "gpiochip0"
 

@@ -34,4 +34,19 @@ defmodule BB.Sensor.ContactSwitch.DebounceTest do
     count = waits |> Stream.drop(1) |> Enum.find_index(&(&1 == :restless))
     assert count == 50
   end
+
+  test "one that never rests is restless also on a machine so busy that each fourth edge seems to come after a rest" do
+    verdict =
+      Enum.reduce_while(1..200, Debounce.new(5 * @ms, 1), fn n, d ->
+        late_ns = if rem(n, 4) == 0, do: 6 * @ms, else: 1
+        rested_ns = d.rested_ns || 0
+
+        case Debounce.edge(d, rested_ns + late_ns) do
+          :restless -> {:halt, :restless}
+          {:wait, until_ns, d} -> {:cont, d |> Debounce.rest(until_ns, 1) |> elem(1)}
+        end
+      end)
+
+    assert verdict == :restless
+  end
 end

@@ -173,8 +173,10 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
       :sys.suspend(pid)
       Stepped.advance(context.robot, 200 * @ms)
       messages()
+      monitor = Process.monitor(pid)
       :sys.resume(pid)
-      assert reason_of_end(pid) == {:shutdown, {:overflow, context.name, 0x68}}
+      assert_receive {:DOWN, ^monitor, :process, ^pid, reason}, @patience_ms
+      assert reason == {:shutdown, {:overflow, context.name, 0x68}}
       assert messages() == []
       assert Mpu6050.explain({:overflow, context.name, 0x68}) =~ "0x68 on #{context.name}"
     end

@@ -1,0 +1,82 @@
+defmodule BB.Test.Chaos.Plan do
+  @moduledoc """
+  Which fault strikes which sensor of `Ganglion.Robots.All`, and for how long: the same for the same seed. Pure.
+
+  What shares wires shares a lane, in which one fault comes after the other; lanes go on at once. An I2C bus is a lane, and so is each device on
+  lines.
+
+      iex> alias BB.Test.Chaos.Plan
+      iex> places = %{imu: {:i2c, "i2c-1", 0x68}, bumper: {:gpio, "gpiochip0", :bumper, [17]}}
+      iex> plan = Plan.new(places, 10, 42)
+      iex> plan == Plan.new(places, 10, 42)
+      true
+      iex> plan |> Map.values() |> List.flatten() |> length()
+      10
+      iex> Map.keys(plan)
+      [{:i2c, "i2c-1"}, {:gpio, "gpiochip0", :bumper, [17]}]
+  """
+
+  alias Ganglion.Robots.All.World
+
+  @typedoc "`sensors` are those that it concerns; `hold_ms` is how long it lasts from when it shows, `rest_ms` how long the lane rests after it."
+  @type strike :: %{
+          place: World.place(),
+          fault: term(),
+          sensors: [atom()],
+          hold_ms: non_neg_integer(),
+          rest_ms: non_neg_integer()
+        }
+
+  @type lane :: term()
+
+  @longest_hold_ms 400
+  @longest_rest_ms 200
+
+  @doc "The strikes of each lane, in their order: `count` in all."
+  @spec new(%{atom() => World.place()}, pos_integer(), integer()) :: %{lane() => [strike()]}
+  def new(places, count, seed) do
+    _ = :rand.seed(:exsss, seed)
+    struck = places |> Map.keys() |> Enum.sort() |> Enum.filter(&(faults(places[&1], &1) != []))
+
+    1..count
+    |> Enum.map(fn _ -> struck |> Enum.random() |> strike(places) end)
+    |> Enum.group_by(&lane(&1.place))
+  end
+
+  @doc "The lane of a place."
+  @spec lane(World.place()) :: lane()
+  def lane({:i2c, bus, _address}), do: {:i2c, bus}
+  def lane(lines), do: lines
+
+  defp strike(sensor, places) do
+    fault = places[sensor] |> faults(sensor) |> Enum.random() |> draw()
+
+    %{
+      place: places[sensor],
+      fault: fault,
+      sensors: concerned(fault, sensor, places),
+      hold_ms: :rand.uniform(@longest_hold_ms),
+      rest_ms: :rand.uniform(@longest_rest_ms)
+    }
+  end
+
+  defp concerned(:stuck, sensor, places) do
+    lane = lane(places[sensor])
+    for {other, place} <- places, lane(place) == lane, do: other
+  end
+
+  defp concerned(_fault, sensor, _places), do: [sensor]
+
+  # What each can be struck by and could notice: a contact that is open does not differ from one whose wire is cut.
+  defp faults({:i2c, _bus, _address}, _sensor),
+    do: [:unplug, :nak, :timeout, :retry, :slow, :bit_errors, :stuck]
+
+  defp faults({:gpio, _chip, _device, _lines}, :sonar), do: [:unplug, :cut, :storm]
+  defp faults({:gpio, _chip, _device, [_a, _b]}, _encoder), do: [:cut_one]
+  defp faults({:gpio, _chip, _device, _lines}, _contact), do: [:storm]
+
+  defp draw(:slow), do: {:slow, 25 + :rand.uniform(35)}
+  defp draw(:bit_errors), do: {:bit_errors, 0.3 + 0.7 * :rand.uniform(), :rand.uniform(1_000_000)}
+  defp draw(:storm), do: {:storm, 500 + :rand.uniform(4_500)}
+  defp draw(fault), do: fault
+end
