@@ -64,7 +64,7 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
     start_supervised(Supervisor.child_spec(spec, id: :imu, restart: :temporary))
   end
 
-  defp start!(context, opts \\ []) do
+  defp start!(context, opts) do
     {:ok, pid} = start(context, opts)
     pid
   end
