@@ -95,10 +95,10 @@ defmodule BB.Sensor.QuadratureEncoder do
       looked_ns: nil
     }
 
-    with :ok <- Line.subscribe(line, encoder.ref) do
-      Process.sleep(@trial_ms)
-      encoder |> catch_up() |> checked()
-    end
+    with :ok <- Line.subscribe(line, encoder.ref),
+         :ok <- Process.sleep(@trial_ms),
+         {:ok, _value} <- Line.read(line),
+         do: encoder |> catch_up() |> checked()
   end
 
   @impl Polled

@@ -127,9 +127,12 @@ defmodule BB.Bus.GPIO.Line do
   def check_quiet(line) do
     with :ok <- listen(line, :both) do
       Process.sleep(@quiet_ms)
-      if edges(line.spec, 0) > @most_edges, do: {:error, {:noise, line.spec}}, else: :ok
+      with {:ok, _level} <- read(line), do: judge(line, edges(line.spec, 0))
     end
   end
+
+  defp judge(line, edges) when edges > @most_edges, do: {:error, {:noise, line.spec}}
+  defp judge(_line, _edges), do: :ok
 
   @doc "Opens one with `open`, and does `prepare` with it: what that returns. When it is an error, the line is given back."
   @spec open_with(

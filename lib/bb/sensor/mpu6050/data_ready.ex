@@ -24,7 +24,7 @@ defmodule BB.Sensor.Mpu6050.DataReady do
 
   @type reason :: Chip.reason() | Line.reason() | {:no_interrupt, Line.spec(), String.t(), byte()}
 
-  @first_edge_ms 100
+  @first_edge_ms 500
   @first_periods 5
   @looks_hz 20
   @ns_per_ms 1_000_000

@@ -68,14 +68,17 @@ defmodule BB.Bus.Sim.GPIO.Chip do
     plug_all(Enum.to_list(opts[:devices] || []), chip)
   end
 
+  # Whoever asks finds the lines as they are now, although a timer may be late.
+  @impl GenServer
+  def handle_call(request, from, chip), do: serve(request, from, happen(chip))
+
   # What the processor's programs ask.
 
-  @impl GenServer
-  def handle_call(:identifiers, _from, chip) do
+  defp serve(:identifiers, _from, chip) do
     {:reply, for(offset <- 0..(chip.count - 1), do: identifiers(chip, offset)), chip}
   end
 
-  def handle_call({:open, spec, offsets, direction, opts}, {pid, _}, chip) do
+  defp serve({:open, spec, offsets, direction, opts}, {pid, _}, chip) do
     held = for {ref, handle} <- chip.handles, handle.offsets -- offsets != handle.offsets, do: ref
 
     cond do
@@ -93,17 +96,17 @@ defmodule BB.Bus.Sim.GPIO.Chip do
     end
   end
 
-  def handle_call({:close, ref}, _from, chip), do: chip |> close(ref) |> reply(:ok)
+  defp serve({:close, ref}, _from, chip), do: chip |> close(ref) |> reply(:ok)
 
-  def handle_call({:force_close, offset}, _from, chip),
+  defp serve({:force_close, offset}, _from, chip),
     do: chip |> close_all(offset) |> reply(:ok)
 
-  def handle_call({:status, offset}, _from, chip) when offset < chip.count,
+  defp serve({:status, offset}, _from, chip) when offset < chip.count,
     do: {:reply, {:ok, status(chip, offset)}, chip}
 
-  def handle_call({:status, _offset}, _from, chip), do: {:reply, {:error, :einval}, chip}
+  defp serve({:status, _offset}, _from, chip), do: {:reply, {:error, :einval}, chip}
 
-  def handle_call({:handle, ref, request}, _from, chip) do
+  defp serve({:handle, ref, request}, _from, chip) do
     case chip.handles do
       %{^ref => handle} -> operate(request, handle, ref, chip)
       _closed -> {:reply, {:error, :ebadf}, chip}
@@ -112,28 +115,28 @@ defmodule BB.Bus.Sim.GPIO.Chip do
 
   # Orders to the simulation.
 
-  def handle_call({:describe, offset}, _from, chip) do
+  defp serve({:describe, offset}, _from, chip) do
     line = line(chip, offset)
     open? = Enum.any?(chip.handles, fn {_ref, handle} -> offset in handle.offsets end)
     levels = %{near: line.near, far: line.far, fault: line.fault, open?: open?}
     {:reply, levels, chip}
   end
 
-  def handle_call({:drive, offset, driver, drive, nil}, _from, chip),
+  defp serve({:drive, offset, driver, drive, nil}, _from, chip),
     do: chip |> drive(offset, driver, drive, now_ns(chip)) |> reply(:ok)
 
-  def handle_call({:drive, offset, driver, drive, time_ns}, _from, chip) do
+  defp serve({:drive, offset, driver, drive, time_ns}, _from, chip) do
     agenda = Agenda.put(chip.agenda, time_ns, {:driver, offset, driver}, drive)
     %{chip | agenda: agenda} |> happen() |> reply(:ok)
   end
 
-  def handle_call({:release, offset, driver}, _from, chip) do
+  defp serve({:release, offset, driver}, _from, chip) do
     %{chip | agenda: Agenda.drop(chip.agenda, {:driver, offset, driver})}
     |> drive(offset, driver, :z, now_ns(chip))
     |> reply(:ok)
   end
 
-  def handle_call({:fault, offset, fault}, _from, chip) do
+  defp serve({:fault, offset, fault}, _from, chip) do
     now_ns = now_ns(chip)
     chip = if fault == :busy, do: close_all(chip, offset), else: chip
     chip = %{chip | agenda: Agenda.drop(chip.agenda, {:storm, offset})}
@@ -141,28 +144,28 @@ defmodule BB.Bus.Sim.GPIO.Chip do
     chip |> storm(offset, fault, now_ns) |> reply(:ok)
   end
 
-  def handle_call({:plug, name, device}, _from, chip) do
+  defp serve({:plug, name, device}, _from, chip) do
     case chip.parts do
       %{^name => %{plugged?: true}} -> {:reply, {:error, :name_taken}, chip}
       _free -> plugged(plug(name, device, chip), chip)
     end
   end
 
-  def handle_call({order, name}, _from, chip) when order in [:unplug, :replug] do
+  defp serve({order, name}, _from, chip) when order in [:unplug, :replug] do
     case chip.parts do
       %{^name => part} -> obey(order, name, part, chip)
       _none -> {:reply, {:error, :no_device}, chip}
     end
   end
 
-  def handle_call({:tell, name, order}, _from, chip) do
+  defp serve({:tell, name, order}, _from, chip) do
     case chip.parts do
       %{^name => %{plugged?: true, broken?: false} = part} -> told(name, part, order, chip)
       _none -> {:reply, {:error, :no_device}, chip}
     end
   end
 
-  def handle_call(:devices, _from, chip) do
+  defp serve(:devices, _from, chip) do
     devices = Map.new(chip.parts, fn {name, part} -> {name, describe(part)} end)
     {:reply, devices, chip}
   end
