@@ -24,17 +24,18 @@ defmodule BB.Sensor.ContactSwitch.Debounce do
           unrest: non_neg_integer()
         }
 
-  # So many waits are no hand.
+  # So many changes without a rest of so long are no hand.
   @most_unrest 50
+  @rest_ms 20
 
   @doc "A contact at rest."
   @spec new(non_neg_integer(), 0 | 1) :: t()
   def new(window_ns, level), do: %__MODULE__{window_ns: window_ns, level: level}
 
   @doc """
-  An edge: `{:wait, until_ns, debounce}` for when to look, `{:same, debounce}` while that is still to come, or `:restless` when
-  #{@most_unrest} times an edge came before the line had been quiet for as long as it was waited for; one after a rest makes up for as many of them as
-  it lasted such times, so that a few on a busy machine, where edges are heard late, make up for little.
+  An edge: `{:wait, until_ns, debounce}` for when to look, `{:same, debounce}` while that is still to come, or `:restless` after
+  #{@most_unrest} edges none of which came after a rest: as long as is waited for, and at least #{@rest_ms} ms, since a busy machine hears edges late. A
+  rest makes up for as many of them as it is times as long.
   """
   @spec edge(t(), integer()) :: {:wait, integer(), t()} | {:same, t()} | :restless
   def edge(%{waiting?: true} = debounce, _now_ns), do: {:same, debounce}
@@ -59,7 +60,7 @@ defmodule BB.Sensor.ContactSwitch.Debounce do
   defp unrest(%{rested_ns: nil}, _now_ns), do: 0
 
   defp unrest(debounce, now_ns) do
-    case div(now_ns - debounce.rested_ns, max(debounce.window_ns, 1)) do
+    case div(now_ns - debounce.rested_ns, max(debounce.window_ns, @rest_ms * 1_000_000)) do
       0 -> debounce.unrest + 1
       rests -> max(debounce.unrest - rests, 0)
     end

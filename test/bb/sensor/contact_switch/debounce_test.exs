@@ -18,7 +18,7 @@ defmodule BB.Sensor.ContactSwitch.DebounceTest do
 
   test "one that is pressed again and again, each time after a rest, is a hand" do
     Enum.reduce(1..1000, Debounce.new(5 * @ms, 1), fn n, d ->
-      {:wait, until_ns, d} = Debounce.edge(d, n * 11 * @ms)
+      {:wait, until_ns, d} = Debounce.edge(d, n * 26 * @ms)
       {_what, d} = Debounce.rest(d, until_ns, rem(n, 2))
       d
     end)
@@ -38,7 +38,7 @@ defmodule BB.Sensor.ContactSwitch.DebounceTest do
   test "one that never rests is restless also on a machine so busy that each fourth edge seems to come after a rest" do
     verdict =
       Enum.reduce_while(1..200, Debounce.new(5 * @ms, 1), fn n, d ->
-        late_ns = if rem(n, 4) == 0, do: 6 * @ms, else: 1
+        late_ns = if rem(n, 4) == 0, do: 25 * @ms, else: 1
         rested_ns = d.rested_ns || 0
 
         case Debounce.edge(d, rested_ns + late_ns) do

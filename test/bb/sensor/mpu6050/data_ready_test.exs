@@ -13,6 +13,9 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
   @moduletag timeout: 120_000
 
   @ms 1_000_000
+
+  # On the machine's clock, so slow that the FIFO has room for a machine that stands still for seconds: a sample each 50 ms.
+  @slow [rate: 20, filter: 5]
   @patience_ms 10_000
 
   setup context do
@@ -61,7 +64,7 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
     start_supervised(Supervisor.child_spec(spec, id: :imu, restart: :temporary))
   end
 
-  defp start!(context, opts \\ []) do
+  defp start!(context, opts) do
     {:ok, pid} = start(context, opts)
     pid
   end
@@ -143,9 +146,9 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
     end
 
     test "none is lost on the machine's clock, and the times are those of Erlang", context do
-      start!(context, fifo: true, rate: 200)
-      messages = for _ <- 1..200, do: receive_imu()
-      assert steps_by?(messages, 5)
+      start!(context, [fifo: true] ++ @slow)
+      messages = for _ <- 1..30, do: receive_imu()
+      assert steps_by?(messages, 50)
       now_ns = System.monotonic_time(:nanosecond)
       assert_in_delta List.last(messages).monotonic_time, now_ns, 5.0e9
       times = Enum.map(messages, & &1.monotonic_time)
@@ -153,15 +156,15 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
     end
 
     test "none is lost when a transfer fails now and then", context do
-      start!(context, fifo: true, rate: 200)
+      start!(context, [fifo: true] ++ @slow)
 
       messages =
-        for n <- 1..200 do
-          if rem(n, 40) == 0, do: Sim.fault(context.name, 0x68, {:nak, 2})
+        for n <- 1..30 do
+          if rem(n, 10) == 0, do: Sim.fault(context.name, 0x68, {:nak, 2})
           receive_imu()
         end
 
-      assert steps_by?(messages, 5)
+      assert steps_by?(messages, 50)
     end
 
     @tag stepped: true
@@ -218,14 +221,14 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
 
   describe "a line" do
     test "that is cut ends it, and does not let it start", context do
-      pid = start!(context, fifo: true, rate: 200)
+      pid = start!(context, [fifo: true] ++ @slow)
       receive_imu()
       Sim.Lines.fault(context.pin, :cut)
       reason = {:no_interrupt, context.pin, context.name, 0x68}
       assert reason_of_end(pid) == {:shutdown, reason}
-      assert {:error, {^reason, _child}} = start(context)
+      assert {:error, {^reason, _child}} = start(context, @slow)
       Sim.Lines.clear(context.pin)
-      assert {:ok, _pid} = start(context)
+      assert {:ok, _pid} = start(context, @slow)
       assert Mpu6050.explain(reason) =~ "line 4 of #{context.name}"
     end
 
@@ -237,7 +240,7 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
     end
 
     test "is given back", context do
-      pid = start!(context)
+      pid = start!(context, @slow)
       receive_imu()
       assert Sim.Lines.describe(context.pin).open?
       stop_supervised!(:imu)
@@ -248,7 +251,7 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
 
   describe "a chip" do
     test "that was without power for a moment, and pulses no more, ends it", context do
-      pid = start!(context, fifo: true, rate: 200)
+      pid = start!(context, [fifo: true] ++ @slow)
       receive_imu()
       Sim.unplug(context.name, 0x68)
       Sim.replug(context.name, 0x68)
@@ -256,7 +259,7 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
     end
 
     test "that is unplugged ends it, and the reason is not its line", context do
-      pid = start!(context, rate: 200)
+      pid = start!(context, @slow)
       receive_imu()
       Sim.unplug(context.name, 0x68)
       assert reason_of_end(pid) == {:shutdown, {:no_answer, context.name, 0x68}}
