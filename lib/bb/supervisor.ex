@@ -75,7 +75,7 @@ defmodule BB.Supervisor do
 
   @impl Supervisor
   def init({robot, given}) do
-    inhibit(robot)
+    _ = inhibit(robot)
     BB.Safety.Warden.watch(robot, :root)
 
     children = [

@@ -257,7 +257,7 @@ defmodule BB.Bus.Sim.GPIO do
 
   defp open_all(spec, specs, direction, opts) do
     direction!(direction)
-    check_options!(opts)
+    _ = check_options!(opts)
     opts = Keyword.merge(@defaults, opts)
 
     with {:ok, chip, offsets} <- resolve(specs),

@@ -52,11 +52,11 @@ defmodule BB.Bus.Sim.Interrupts do
 
   defp pulse(interrupts, address, pin, pulses, now_ns) do
     by = driver(interrupts, address)
-    if pin == nil, do: Lines.drive(pulses.line, 0, by: by)
+    _ = if pin == nil, do: Lines.drive(pulses.line, 0, by: by)
 
     for time_ns <- pulses.times_ns do
-      Lines.drive(pulses.line, 1, by: by, at_ns: time_ns)
-      Lines.drive(pulses.line, 0, by: by, at_ns: time_ns + pulses.width_ns)
+      _ = Lines.drive(pulses.line, 1, by: by, at_ns: time_ns)
+      _ = Lines.drive(pulses.line, 0, by: by, at_ns: time_ns + pulses.width_ns)
     end
 
     next = %{

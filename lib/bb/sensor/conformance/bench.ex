@@ -42,7 +42,7 @@ defmodule BB.Sensor.Conformance.Bench do
     _ = if opts[:broken], do: setting.wires.break(place, opts[:broken])
     declare(robot, setting, place)
     {:ok, root} = robot.start_link()
-    watch(robot)
+    _ = watch(robot)
 
     try do
       fun.(%__MODULE__{

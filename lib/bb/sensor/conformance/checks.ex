@@ -36,7 +36,7 @@ defmodule BB.Sensor.Conformance.Checks do
     tried_again(bench, row)
     none!(Bench.messages(bench), "with #{trouble} it published")
     _ = end_it.()
-    Bench.await_up(bench)
+    _ = Bench.await_up(bench)
     _ = Bench.await_message(bench)
     :ok
   end
@@ -46,7 +46,7 @@ defmodule BB.Sensor.Conformance.Checks do
   def faults(setting) do
     Bench.on(setting, fn bench ->
       for fault <- setting.faults do
-        Bench.await_up(bench)
+        _ = Bench.await_up(bench)
         _ = Bench.await_message(bench)
         if fault in setting.unseen, do: survive(bench, fault), else: report(bench, fault)
       end
@@ -76,7 +76,7 @@ defmodule BB.Sensor.Conformance.Checks do
     none!(Bench.messages(bench), "while there was #{fault} it published")
 
     mended_ns = Bench.mend(bench, fault)
-    Bench.await_up(bench)
+    _ = Bench.await_up(bench)
     message = Bench.await_message(bench)
 
     kept!(
@@ -109,7 +109,7 @@ defmodule BB.Sensor.Conformance.Checks do
   @spec options(Setting.t()) :: :ok
   def options(setting) do
     Bench.on(setting, [stepped?: true], fn bench ->
-      Bench.await_up(bench)
+      _ = Bench.await_up(bench)
       _ = Bench.await_message(bench)
       pid = Bench.pid!(bench)
       Bench.change(bench, setting.new_options)
@@ -124,7 +124,7 @@ defmodule BB.Sensor.Conformance.Checks do
   @spec rate(Setting.t()) :: :ok
   def rate(setting) do
     Bench.on(setting, [stepped?: true], fn bench ->
-      Bench.await_up(bench)
+      _ = Bench.await_up(bench)
       _ = Bench.await_message(bench)
       pace(bench, @minute_s)
     end)
@@ -170,10 +170,10 @@ defmodule BB.Sensor.Conformance.Checks do
   @spec release(Setting.t()) :: :ok
   def release(setting) do
     Bench.on(setting, fn bench ->
-      Bench.await_up(bench)
+      _ = Bench.await_up(bench)
       pid = Bench.pid!(bench)
       Process.exit(pid, :kill)
-      Bench.await(bench, "is up after it was killed", &(&1.state == :up and &1.pid != pid))
+      _ = Bench.await(bench, "is up after it was killed", &(&1.state == :up and &1.pid != pid))
       _ = Bench.await_message(bench)
       Supervisor.stop(bench.robot)
       wait_free(bench, 1_000)
@@ -185,15 +185,20 @@ defmodule BB.Sensor.Conformance.Checks do
     cond do
       bench.setting.wires.free?(bench.place) -> :ok
       tries == 0 -> raise Failure, "it has not given back its bus: #{inspect(bench.place)}"
-      true -> Process.sleep(5) && wait_free(bench, tries - 1)
+      true -> wait_on(bench, tries - 1)
     end
+  end
+
+  defp wait_on(bench, tries) do
+    Process.sleep(5)
+    wait_free(bench, tries)
   end
 
   @doc "With its bus stuck it ends when it is told to, and need not be killed."
   @spec stop(Setting.t()) :: :ok
   def stop(setting) do
     Bench.on(setting, fn bench ->
-      Bench.await_up(bench)
+      _ = Bench.await_up(bench)
       monitor = Process.monitor(Bench.pid!(bench))
       :ok = setting.wires.break(bench.place, setting.wires.stuck())
       Supervisor.stop(bench.robot)

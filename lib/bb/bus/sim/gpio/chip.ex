@@ -31,7 +31,7 @@ defmodule BB.Bus.Sim.GPIO.Chip do
   end
 
   @doc "Asks a chip, by its name or its process; `default` where it does not run."
-  @spec ask(String.t() | pid(), term(), term()) :: term()
+  @spec ask(String.t() | GenServer.server(), term(), term()) :: term()
   def ask(chip, request, default \\ {:error, :not_found})
 
   def ask(name, request, default) when is_binary(name), do: ask(via(name), request, default)
