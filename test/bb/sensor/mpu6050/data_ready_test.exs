@@ -59,7 +59,7 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
       Keyword.merge(defaults, opts)
   end
 
-  defp start(context, opts \\ []) do
+  defp start(context, opts) do
     spec = {BB.Sensor.Server, args(context, opts)}
     start_supervised(Supervisor.child_spec(spec, id: :imu, restart: :temporary))
   end
