@@ -279,7 +279,7 @@ defmodule FirstLightTest do
         ])
 
       {:os_pid, os_pid} = Port.info(port, :os_pid)
-      on_exit(fn -> running?(os_pid) && kill_9(os_pid) end)
+      on_exit(fn -> end_by_force(os_pid) end)
       %{port: port, os_pid: os_pid}
     end
   end

@@ -29,7 +29,7 @@ defmodule ReleaseTest do
     node = "ganglion_test_#{System.pid()}_#{System.unique_integer([:positive])}"
     assert {_, 0} = command(node, ["daemon"])
     os_pid = eventually(fn -> pid(node) end, @start_ms)
-    on_exit(fn -> end_by_force(os_pid) end)
+    on_exit(fn -> Native.end_by_force(os_pid) end)
     eventually(fn -> rpc(node, "IO.write(Process.whereis(Ganglion.Robot) != nil)") == "true" end)
     %{node: node, os_pid: os_pid}
   end
@@ -93,10 +93,6 @@ defmodule ReleaseTest do
     pids = Native.descendants(os_pid)
     names = for pid <- pids, {:ok, name} <- [File.read("/proc/#{pid}/comm")], do: name
     if "camera\n" in names and "vision_tags\n" in names, do: pids
-  end
-
-  defp end_by_force(os_pid) do
-    if Native.running?(os_pid), do: Native.kill_9(os_pid)
   end
 
   defp command(node, args),

@@ -41,6 +41,10 @@ defmodule BB.Test.Native do
   @doc "Kills a process as the kernel's out-of-memory killer would."
   def kill_9(os_pid), do: {_, 0} = System.cmd("kill", ["-9", to_string(os_pid)])
 
+  @doc "Kills the process if it still is there; it may end by itself at any moment."
+  def end_by_force(os_pid),
+    do: System.cmd("kill", ["-9", to_string(os_pid)], stderr_to_stdout: true)
+
   @doc "The folder of real recordings, or nil where it is not beside the project."
   def shared_data(name) do
     path = Path.expand("../../../shared/data/#{name}", __DIR__)
