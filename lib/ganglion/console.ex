@@ -161,8 +161,7 @@ defmodule Ganglion.Console do
   @spec i2c_scan(String.t() | nil) :: printed()
   def i2c_scan(bus \\ nil) do
     table(~w(bus addresses), fn ->
-      i2c = I2C.module(nil)
-      for name <- List.wrap(bus || i2c.bus_names()), do: [name, addresses(i2c, name)]
+      for name <- List.wrap(bus || I2C.bus_names()), do: [name, addresses(name)]
     end)
   end
 
@@ -209,21 +208,17 @@ defmodule Ganglion.Console do
   defp ring_row(topic, {:error, reason}),
     do: [topic, Ring.format_error(reason), nil, nil, nil, nil, nil]
 
-  defp addresses(i2c, name) do
-    with {:ok, bus} <- i2c.open(name, timeout: @i2c_timeout_ms) do
-      found =
-        for address <- 0x03..0x77,
-            match?({:ok, _}, i2c.read(bus, address, 1, [])),
-            do: hex(address)
-
-      _ = i2c.close(bus)
-      if found == [], do: "none answers", else: Enum.join(found, " ")
+  defp addresses(name) do
+    with {:ok, bus} <- I2C.open(name, timeout: @i2c_timeout_ms) do
+      found = I2C.detect_devices(bus)
+      :ok = I2C.close(bus)
+      if found == [], do: "none answers", else: Enum.map_join(found, " ", &hex/1)
     else
       {:error, reason} -> "cannot be opened: #{inspect(reason)}"
     end
   end
 
-  defp hex(address), do: "0x" <> String.pad_leading(Integer.to_string(address, 16), 2, "0")
+  defp hex(address), do: "0x" <> Base.encode16(<<address>>)
 
   defp guard_rows({:ok, state}) do
     left = if state.left_ms, do: [["decides within", "#{div(state.left_ms, 1_000)} s"]], else: []

@@ -133,11 +133,11 @@ defmodule Ganglion.ConsoleTest do
   test "i2c_scan shows who answers" do
     bus = "console-#{System.unique_integer([:positive])}"
 
-    start_supervised!(
-      {BB.Bus.Sim, buses: %{bus => [devices: %{0x68 => {BB.Bus.Sim.Mpu6050, []}}]}}
-    )
+    # The second one answers no reading of a single byte.
+    devices = %{0x68 => {BB.Bus.Sim.Mpu6050, []}, 0x40 => {BB.Bus.Sim.Ina219, []}}
+    start_supervised!({BB.Bus.Sim, buses: %{bus => [devices: devices]}})
 
-    assert shown(fn -> Console.i2c_scan(bus) end) =~ ~r/#{bus} +0x68\n/
+    assert shown(fn -> Console.i2c_scan(bus) end) =~ ~r/#{bus} +0x40 0x68\n/
     assert shown(fn -> Console.i2c_scan("no-such-bus") end) =~ "cannot be opened: :bus_not_found"
   end
 
