@@ -107,6 +107,9 @@ defmodule BB.Sensor.Mpu6050InARobotTest do
 
     start_supervised!({Sim, buses: %{@bus => [devices: %{0x68 => {Sim.Mpu6050, []}}]}})
     receive_imu()
+
+    # Before the bus, which would else be gone first: the next test would hear of that.
+    stop_supervised!(Robot)
   end
 
   test "a bus that is stuck takes all of its sensors down, and they come back when it is released" do
