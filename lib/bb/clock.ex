@@ -42,5 +42,19 @@ defmodule BB.Clock do
   def cancel(:real, timer), do: :erlang.cancel_timer(timer) != false
   def cancel(%Stepped{} = clock, timer), do: Stepped.cancel(clock, timer)
 
+  @doc "Takes a message to the calling process back, out of its mailbox too where it has come already."
+  @spec recall(t(), timer(), term()) :: :ok
+  def recall(clock, timer, message) do
+    if not cancel(clock, timer) do
+      receive do
+        ^message -> :ok
+      after
+        0 -> :ok
+      end
+    end
+
+    :ok
+  end
+
   defp ceil_ms(time_ns), do: -Integer.floor_div(-time_ns, 1_000_000)
 end

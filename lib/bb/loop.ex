@@ -133,14 +133,7 @@ defmodule BB.Loop do
   def cancel(%__MODULE__{tick_ref: nil} = loop), do: loop
 
   def cancel(%__MODULE__{tick_ref: ref} = loop) do
-    unless loop |> clock() |> Clock.cancel(ref) do
-      receive do
-        :tick -> :ok
-      after
-        0 -> :ok
-      end
-    end
-
+    :ok = loop |> clock() |> Clock.recall(ref, :tick)
     %{loop | tick_ref: nil, deadline_ns: nil}
   end
 

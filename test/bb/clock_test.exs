@@ -42,6 +42,21 @@ defmodule BB.ClockTest do
     refute_received :later
   end
 
+  test "a message that is recalled never comes, also when it has come already" do
+    robot = robot()
+    start_supervised!({Stepped, robot: robot})
+
+    for clock <- [:real, Clock.of(robot)] do
+      late = Clock.send_at(clock, Clock.now_ns(clock) + 3_600_000_000_000, self(), :late)
+      assert Clock.recall(clock, late, :late) == :ok
+      come = Clock.send_at(:real, Clock.now_ns(:real), self(), :come)
+      assert_receive :come, 5_000
+      send(self(), :come)
+      assert Clock.recall(:real, come, :come) == :ok
+      refute_received _
+    end
+  end
+
   test "a stepped clock stands still between steps" do
     robot = robot()
     start_supervised!({Stepped, robot: robot})

@@ -34,6 +34,10 @@ defmodule BB.Sensor.Mpu6050.Chip do
   @spec close(t()) :: :ok
   def close(chip), do: Device.close(chip.device)
 
+  @doc "Where a chip is, in words."
+  @spec place(String.t(), Device.address()) :: String.t()
+  defdelegate place(bus, address), to: Device
+
   @doc "Makes sure that this is one of the family: the `model` that is asked for, or any (`nil`)."
   @spec identify(t(), Registers.model() | nil) :: {:ok, t()} | {:error, Device.reason()}
   def identify(chip, wanted \\ nil) do

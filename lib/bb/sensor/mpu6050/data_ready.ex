@@ -73,21 +73,11 @@ defmodule BB.Sensor.Mpu6050.DataReady do
 
     receive do
       {:circuits_gpio, ^spec, edge_ns, _level} ->
-        stop_waiting(clock, timer, over)
+        :ok = Clock.recall(clock, timer, over)
         {:ok, heard(device, edge_ns)}
 
       ^over ->
         silent(device)
-    end
-  end
-
-  defp stop_waiting(clock, timer, over) do
-    if not Clock.cancel(clock, timer) do
-      receive do
-        ^over -> :ok
-      after
-        0 -> :ok
-      end
     end
   end
 
@@ -169,13 +159,11 @@ defmodule BB.Sensor.Mpu6050.DataReady do
   @spec explain(reason()) :: String.t()
   def explain({:no_interrupt, spec, bus, address}),
     do:
-      "no edge came on #{Line.name(spec)} from the chip at #{place(bus, address)}: check the wire to its pin INT"
+      "no edge came on #{Line.name(spec)} from the chip at #{Chip.place(bus, address)}: check the wire to its pin INT"
 
   def explain({:overflow, bus, address}),
     do:
-      "the FIFO of the chip at #{place(bus, address)} overflowed and samples were lost: lower its rate, or see what keeps the bus busy"
+      "the FIFO of the chip at #{Chip.place(bus, address)} overflowed and samples were lost: lower its rate, or see what keeps the bus busy"
 
   def explain(reason), do: Line.explain(reason)
-
-  defp place(bus, address), do: "0x#{Base.encode16(<<address>>)} on #{bus}"
 end
