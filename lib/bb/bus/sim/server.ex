@@ -6,7 +6,7 @@ defmodule BB.Bus.Sim.Server do
   """
   use GenServer
 
-  alias BB.Bus.Sim.{Interrupts, Slot}
+  alias BB.Bus.Sim.{Directory, Interrupts, Slot}
 
   @registry BB.Bus.Sim.Registry
   @no_such_device 19
@@ -21,29 +21,19 @@ defmodule BB.Bus.Sim.Server do
 
   @doc false
   def start_link({name, opts}),
-    do: GenServer.start_link(__MODULE__, {name, opts}, name: {:via, Registry, {@registry, name}})
+    do: GenServer.start_link(__MODULE__, {name, opts}, name: Directory.via(@registry, name))
 
   @doc "The names of the buses that run now, sorted."
   @spec names() :: [String.t()]
-  def names do
-    @registry
-    |> Registry.select([{{:"$1", :_, :_}, [], [:"$1"]}])
-    |> Enum.filter(&(fetch(&1) != :error))
-    |> Enum.sort()
-  end
+  def names, do: Directory.names(@registry)
 
   @doc "The process of a bus."
   @spec fetch(String.t()) :: {:ok, pid()} | :error
-  def fetch(name) do
-    case Registry.whereis_name({@registry, name}) do
-      :undefined -> :error
-      pid -> {:ok, pid}
-    end
-  end
+  def fetch(name), do: Directory.fetch(@registry, name)
 
   @doc "Gives the bus an order; `{:error, :bus_not_found}` where there is none."
   def call(name, order) when is_binary(name) do
-    GenServer.call({:via, Registry, {@registry, name}}, order, :infinity)
+    GenServer.call(Directory.via(@registry, name), order, :infinity)
   catch
     :exit, {:noproc, _} -> {:error, :bus_not_found}
   end

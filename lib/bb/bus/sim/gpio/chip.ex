@@ -4,6 +4,7 @@ defmodule BB.Bus.Sim.GPIO.Chip do
   """
   use GenServer
 
+  alias BB.Bus.Sim.Directory
   alias BB.Bus.Sim.GPIO.{Agenda, Handle, Line, Part}
   alias BB.Clock
 
@@ -18,17 +19,11 @@ defmodule BB.Bus.Sim.GPIO.Chip do
 
   @doc "The names of the chips that run now, sorted."
   @spec names() :: [String.t()]
-  def names,
-    do: @registry |> Registry.select([{{:"$1", :_, :_}, [], [:"$1"]}]) |> Enum.sort()
+  def names, do: Directory.names(@registry)
 
   @doc "The process of a chip."
   @spec fetch(String.t()) :: {:ok, pid()} | :error
-  def fetch(name) do
-    case Registry.whereis_name({@registry, name}) do
-      :undefined -> :error
-      pid -> {:ok, pid}
-    end
-  end
+  def fetch(name), do: Directory.fetch(@registry, name)
 
   @doc "Asks a chip, by its name or its process; `default` where it does not run."
   @spec ask(String.t() | GenServer.server(), term(), term()) :: term()
@@ -42,7 +37,7 @@ defmodule BB.Bus.Sim.GPIO.Chip do
     :exit, _reason -> default
   end
 
-  defp via(name), do: {:via, Registry, {@registry, name}}
+  defp via(name), do: Directory.via(@registry, name)
 
   @impl GenServer
   def init({name, opts}) do
