@@ -15,9 +15,9 @@ defmodule BB.Sensor.Conformance.Setting do
     :other_device,
     :event,
     :faults,
-    new_options: [],
-    unseen: [],
-    patience_ms: 15_000
+    :new_options,
+    :unseen,
+    :patience_ms
   ]
 
   @type device :: {module(), keyword()}
@@ -44,9 +44,9 @@ defmodule BB.Sensor.Conformance.Setting do
     :other_device,
     :event,
     :faults,
-    :new_options,
-    :unseen,
-    :patience_ms
+    new_options: [],
+    unseen: [],
+    patience_ms: 15_000
   ]
 
   @doc "The setting of these options; a mistake in them raises `ArgumentError`."
@@ -57,7 +57,7 @@ defmodule BB.Sensor.Conformance.Setting do
     device = if opts[:wires], do: opts[:device], else: pair!(opts, :device)
     wires = opts[:wires] || wires(device)
     faults = opts[:faults] || wires.faults()
-    known!(Enum.uniq(faults ++ (opts[:unseen] || [])), wires.faults())
+    known!(Enum.uniq(faults ++ opts[:unseen]), wires.faults())
 
     %__MODULE__{
       driver: driver,
@@ -68,9 +68,9 @@ defmodule BB.Sensor.Conformance.Setting do
       other_device: opts[:other_device],
       event: opts[:event],
       faults: faults,
-      new_options: opts[:new_options] || [],
-      unseen: opts[:unseen] || [],
-      patience_ms: opts[:patience_ms] || 15_000
+      new_options: opts[:new_options],
+      unseen: opts[:unseen],
+      patience_ms: opts[:patience_ms]
     }
   end
 
