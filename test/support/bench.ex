@@ -86,12 +86,18 @@ defmodule BB.Test.Bench do
     reason
   end
 
-  @doc "Does something that ends the process, and returns its reason. Nothing that it has published comes later."
-  def reason_of_end(pid, fun) do
+  @doc "Why a process ends, with something done that ends it where it does not by itself. Nothing that it has published comes later."
+  def reason_of_end(pid, fun \\ fn -> :ok end) do
     monitor = Process.monitor(pid)
     fun.()
     assert_receive {:DOWN, ^monitor, :process, ^pid, reason}, @patience_ms
     reason
+  end
+
+  @doc "Puts another device in the place of the one at an address."
+  def replace(bench, address, device) do
+    :ok = Sim.unplug(bench.bus, address)
+    :ok = Sim.plug(bench.bus, address, device)
   end
 
   @doc "Pulls the chip's wires and puts them back: it is as after power-on."

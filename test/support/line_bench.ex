@@ -51,15 +51,4 @@ defmodule BB.Test.LineBench do
       0 -> []
     end
   end
-
-  @doc "Why a process ended."
-  def reason_of_end(pid) do
-    monitor = Process.monitor(pid)
-
-    receive do
-      {:DOWN, ^monitor, :process, ^pid, reason} -> reason
-    after
-      10_000 -> raise ExUnit.AssertionError, "#{inspect(pid)} goes on"
-    end
-  end
 end

@@ -19,10 +19,8 @@ defmodule BB.Sensor.As5600Test do
     %{bench: Bench.new(As5600, %{0x36 => device}), knob: knob}
   end
 
-  defp replace(bench, source) do
-    :ok = Sim.unplug(bench.bus, 0x36)
-    :ok = Sim.plug(bench.bus, 0x36, {Sim.As5600, source: source})
-  end
+  defp replace(bench, source),
+    do: Bench.replace(bench, 0x36, {Sim.As5600, source: source})
 
   defp position(%{payload: %JointState{positions: [position]}}), do: position
 

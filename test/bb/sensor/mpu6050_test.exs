@@ -1,6 +1,8 @@
 defmodule BB.Sensor.Mpu6050Test do
   use ExUnit.Case, async: true
 
+  import BB.Test.Bench, only: [between_readings: 2, reason_of_end: 1]
+
   alias BB.Bus.Sim
   alias BB.Bus.Sim.{I2C, Motion}
   alias BB.Message.Sensor.Imu
@@ -75,30 +77,6 @@ defmodule BB.Sensor.Mpu6050Test do
                    @patience_ms
 
     message
-  end
-
-  # The sensor's monitor says why it ended; nothing it has sent comes later than that.
-  defp reason_of_end(pid) do
-    monitor = Process.monitor(pid)
-    assert_receive {:DOWN, ^monitor, :process, ^pid, reason}, @patience_ms
-    reason
-  end
-
-  # Does something while no reading is under way, and forgets the messages of all readings before.
-  defp between_readings(pid, fun) do
-    :ok = :sys.suspend(pid)
-    result = fun.()
-    drain()
-    :ok = :sys.resume(pid)
-    result
-  end
-
-  defp drain do
-    receive do
-      {:bb, _path, _message} -> drain()
-    after
-      0 -> :ok
-    end
   end
 
   defp assert_imu(imu, sample, accel_range, gyro_range) do

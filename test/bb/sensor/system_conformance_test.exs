@@ -3,6 +3,8 @@ defmodule BB.Sensor.SystemConformanceTest do
   defmodule Files do
     use GenServer
 
+    import BB.Test.KernelFiles
+
     @behaviour BB.Sensor.Conformance.Wires
 
     @memory "proc/meminfo"
@@ -48,14 +50,6 @@ defmodule BB.Sensor.SystemConformanceTest do
 
     @impl true
     def free?(_place), do: true
-
-    # Whole or not at all, as the kernel's files are.
-    defp put(root, file, text) do
-      path = Path.join(root, file)
-      File.mkdir_p!(Path.dirname(path))
-      File.write!(path <> ".new", text)
-      File.rename!(path <> ".new", path)
-    end
   end
 
   use BB.Sensor.Conformance,

@@ -1,6 +1,8 @@
 defmodule BB.Sensor.SystemTest do
   use ExUnit.Case, async: true
 
+  import BB.Test.KernelFiles
+
   alias BB.Message.System.Status
   alias BB.Sensor.System
   alias BB.Test.Bench
@@ -15,14 +17,6 @@ defmodule BB.Sensor.SystemTest do
     put(root, "proc/loadavg", "0.25 1.50 2.00 3/120 4711\n")
     put(root, "sys/devices/system/cpu/online", "0-3\n")
     %{bench: Bench.new(System, %{}), root: root}
-  end
-
-  # Whole or not at all, as the kernel's files are.
-  defp put(root, file, text) do
-    path = Path.join(root, file)
-    File.mkdir_p!(Path.dirname(path))
-    File.write!(path <> ".new", text)
-    File.rename!(path <> ".new", path)
   end
 
   defp zone(root, number, type, temperature) do

@@ -13,10 +13,8 @@ defmodule BB.Sensor.TfLunaTest do
     %{bench: Bench.new(TfLuna, %{0x10 => {Sim.TfLuna, Map.get(context, :device, [])}})}
   end
 
-  defp replace(bench, source) do
-    :ok = Sim.unplug(bench.bus, 0x10)
-    :ok = Sim.plug(bench.bus, 0x10, {Sim.TfLuna, source: source})
-  end
+  defp replace(bench, source),
+    do: Bench.replace(bench, 0x10, {Sim.TfLuna, source: source})
 
   # What the sensor sees is what the test sets.
   defp knob(bench, signal) do
@@ -76,16 +74,7 @@ defmodule BB.Sensor.TfLunaTest do
     test "is published once, however often it is asked for" do
       {name, clock} = frozen({Sim.TfLuna, source: [distance: 2.0]})
 
-      {:ok, chip} =
-        TfLuna.open(
-          i2c: I2C,
-          bus: name,
-          address: 0x10,
-          rate: 50,
-          timeout: 20,
-          mode: :continuous,
-          min_signal: 100
-        )
+      {:ok, chip} = open(name)
 
       :counters.put(clock, 1, 11_000_000)
       assert {:ok, %{range: 2.0, age_ns: 0}, chip} = TfLuna.measure(chip, 0)
@@ -109,16 +98,7 @@ defmodule BB.Sensor.TfLunaTest do
     test "that was ordered has the time of its order" do
       {name, clock} = frozen({Sim.TfLuna, source: [distance: 2.0]})
 
-      {:ok, chip} =
-        TfLuna.open(
-          i2c: I2C,
-          bus: name,
-          address: 0x10,
-          rate: 50,
-          timeout: 20,
-          mode: :triggered,
-          min_signal: 100
-        )
+      {:ok, chip} = open(name, mode: :triggered)
 
       # Nothing was ordered before.
       :counters.put(clock, 1, 20_000_000)
@@ -145,16 +125,7 @@ defmodule BB.Sensor.TfLunaTest do
       {name, clock} = frozen({Sim.TfLuna, []})
       :counters.put(clock, 1, 30_000_000)
 
-      {:ok, chip} =
-        TfLuna.open(
-          i2c: I2C,
-          bus: name,
-          address: 0x10,
-          rate: 50,
-          timeout: 20,
-          mode: :continuous,
-          min_signal: 100
-        )
+      {:ok, chip} = open(name)
 
       assert chip.tick == 30
       TfLuna.close(chip)

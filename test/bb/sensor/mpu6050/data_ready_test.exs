@@ -1,6 +1,7 @@
 defmodule BB.Sensor.Mpu6050.DataReadyTest do
   use ExUnit.Case, async: true
 
+  import BB.Test.Bench, only: [reason_of_end: 1]
   import BB.Test.Eventually
 
   alias BB.Bus.Sim
@@ -103,12 +104,6 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
   end
 
   defp step(message), do: round(message.payload.linear_acceleration.x * 2048 / 9.80665)
-
-  defp reason_of_end(pid) do
-    monitor = Process.monitor(pid)
-    assert_receive {:DOWN, ^monitor, :process, ^pid, reason}, @patience_ms
-    reason
-  end
 
   describe "with the FIFO" do
     @tag stepped: true
