@@ -37,7 +37,7 @@ version=$(sed -n '/^\[workspace\.package\]/,/^\[/s/^version = "\(.*\)"/\1/p' "$h
 to=${DESTDIR:-}$prefix
 fill_in() { sed "s/@VERSION@/$version/g" "$1"; }
 
-install -d "$to/include/conduit_core/detail" "$to/lib/pkgconfig" "$to/lib/cmake/conduit_ring"
+install -d "$to/include/conduit_core/detail" "$to/lib/pkgconfig" "$to/lib/cmake/conduit_ring" "$to/lib/cmake/conduit_core"
 install -m 644 "$here"/include/conduit_ring.h "$to/include/"
 install -m 644 "$here"/include/conduit_core/*.hpp "$to/include/conduit_core/"
 install -m 644 "$here"/include/conduit_core/detail/*.hpp "$to/include/conduit_core/detail/"
@@ -46,4 +46,7 @@ ln -sf "$SONAME" "$to/lib/libconduit_ring.so"
 install -m 644 "$built/libconduit_ring_c.a" "$to/lib/libconduit_ring.a"
 fill_in "$here/conduit_ring.pc.in" >"$to/lib/pkgconfig/conduit_ring.pc"
 install -m 644 "$here"/cmake/conduit_ring-{config,targets}.cmake "$to/lib/cmake/conduit_ring/"
-fill_in "$here/cmake/conduit_ring-config-version.cmake.in" >"$to/lib/cmake/conduit_ring/conduit_ring-config-version.cmake"
+install -m 644 "$here/cmake/conduit_core-config.cmake" "$to/lib/cmake/conduit_core/"
+for package in conduit_ring conduit_core; do
+  fill_in "$here/cmake/conduit_ring-config-version.cmake.in" >"$to/lib/cmake/$package/$package-config-version.cmake"
+done

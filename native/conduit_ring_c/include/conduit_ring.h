@@ -21,6 +21,7 @@
  *                     nothing to read; not in time; the waker was used. These are no faults: the sentence is not set.
  *   -ENOBUFS          the buffer is too small for the message, which is kept for the next read
  *   -EALREADY         another thread is using this subscriber; a loan of this publisher is out
+ *   -ESHUTDOWN        this publisher has ended its topic
  *   -ENOTRECOVERABLE  a fault inside the library, or a handle that had one before; close it
  *   any other         what the operating system answered
  *
@@ -144,7 +145,13 @@ int conduit_ring_publisher_commit(conduit_ring_publisher *publisher, size_t size
 /* Ends the loan, if there is one. Nothing was published, and the next message takes the same slot and number. */
 int conduit_ring_publisher_cancel(conduit_ring_publisher *publisher);
 
-/* Ends the topic: subscribers read what is left and then learn that the publisher is gone. NULL is fine. */
+/*
+ * Ends the topic: subscribers read what is left and then learn that the publisher is gone. The handle stays, as does the
+ * memory of a loan that is out, until the handle is closed; whatever else is asked of it answers -ESHUTDOWN.
+ */
+int conduit_ring_publisher_end(conduit_ring_publisher *publisher);
+
+/* Ends the topic and frees the handle. A loan that is out must not be used any more. NULL is fine. */
 int conduit_ring_publisher_close(conduit_ring_publisher *publisher);
 
 /* Lets go of the topic as a death would: it stays, and the next publisher goes on with it. NULL is fine. */

@@ -15,6 +15,7 @@ pub(crate) const ENOBUFS: c_int = 105;
 pub(crate) const ENOENT: c_int = 2;
 pub(crate) const ENOTRECOVERABLE: c_int = 131;
 pub(crate) const EPROTO: c_int = 71;
+pub(crate) const ESHUTDOWN: c_int = 108;
 pub(crate) const ETIMEDOUT: c_int = 110;
 pub(crate) const EUSERS: c_int = 87;
 

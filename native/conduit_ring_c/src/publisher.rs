@@ -53,7 +53,8 @@ pub const CONDUIT_RING_OWN_GROUP: u32 = 0xFFFF_FFFF;
 pub(crate) struct conduit_ring_publisher(Mutex<Inner>);
 
 pub(crate) struct Inner {
-    publisher: Publisher,
+    /// `None` once it was ended.
+    publisher: Option<Publisher>,
     /// While it is out, nothing else is published: its holder writes to the next message's slot.
     loan: Option<SuspendedLoan>,
 }
@@ -65,11 +66,20 @@ impl conduit_ring_publisher {
     }
 }
 
+fn ended() -> Failure {
+    Failure::new(errno::ESHUTDOWN, "this publisher has ended its topic")
+}
+
 impl Inner {
+    fn publisher(&mut self) -> Result<&mut Publisher, Failure> {
+        self.publisher.as_mut().ok_or_else(ended)
+    }
+
     #[inline]
     fn idle(&mut self) -> Result<&mut Publisher, Failure> {
+        let publisher = self.publisher.as_mut().ok_or_else(ended)?;
         if self.loan.is_none() {
-            Ok(&mut self.publisher)
+            Ok(publisher)
         } else {
             Err(Failure::new(
                 errno::EALREADY,
@@ -84,6 +94,7 @@ impl Inner {
     }
 
     fn commit(&mut self, len: usize) -> Result<u64, Failure> {
+        let publisher = self.publisher.as_mut().ok_or_else(ended)?;
         let lent = self.loan.as_ref().map(SuspendedLoan::len);
         let lent = lent.ok_or_else(|| Failure::invalid("there is no loan to commit"))?;
         if len > lent {
@@ -93,7 +104,7 @@ impl Inner {
         }
         let loan = self.loan.take();
         let mut loan = loan
-            .and_then(|loan| loan.resume(&mut self.publisher))
+            .and_then(|loan| loan.resume(publisher))
             .ok_or_else(|| Failure::broken("publisher"))?;
         loan.truncate(len);
         Ok(loan.commit())
@@ -143,7 +154,7 @@ unsafe extern "C" fn conduit_ring_publisher_open(
             let options = unsafe { read_options(options) }?;
             let publisher = Publisher::open(&topic, &options)?;
             Ok(conduit_ring_publisher(Mutex::new(Inner {
-                publisher,
+                publisher: Some(publisher),
                 loan: None,
             })))
         };
@@ -269,7 +280,18 @@ unsafe extern "C" fn conduit_ring_publisher_info(
         let publisher = unsafe { pointer::shared(publisher, "publisher") }?;
         // SAFETY: null or writable, by the header.
         let out = unsafe { Out::new(info, "info") }?;
-        out.put((&publisher.lock()?.publisher.info()).into());
+        out.put((&publisher.lock()?.publisher()?.info()).into());
+        Ok(())
+    })
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn conduit_ring_publisher_end(publisher: *mut conduit_ring_publisher) -> c_int {
+    answer(|| {
+        // SAFETY: null or a living publisher, by the header.
+        let publisher = unsafe { pointer::shared(publisher, "publisher") }?;
+        // What was lent stays mapped.
+        publisher.lock()?.publisher = None;
         Ok(())
     })
 }
@@ -291,11 +313,11 @@ unsafe extern "C" fn conduit_ring_publisher_abandon(
         // SAFETY: null or a living publisher given back, by the header.
         let publisher = unsafe { pointer::give_back(publisher) };
         if let Some(conduit_ring_publisher(publisher)) = publisher {
-            publisher
-                .into_inner()
-                .unwrap_or_else(|poisoned| poisoned.into_inner())
-                .publisher
-                .abandon();
+            let inner = publisher.into_inner();
+            let inner = inner.unwrap_or_else(|poisoned| poisoned.into_inner());
+            if let Some(publisher) = inner.publisher {
+                publisher.abandon();
+            }
         }
         Ok(())
     })

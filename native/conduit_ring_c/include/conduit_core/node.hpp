@@ -48,6 +48,9 @@ namespace conduit {
 
 class Node {
 public:
+  /// So that a subclass in another namespace finds the name unqualified, beside advertise().
+  using RingBufferConfig = ::conduit::RingBufferConfig;
+
   Node() = default;
   Node(const Node&) = delete;
   Node& operator=(const Node&) = delete;

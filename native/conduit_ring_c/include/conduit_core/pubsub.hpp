@@ -29,8 +29,8 @@ struct RingBufferConfig {
   std::uint32_t slot_size = 4096;
 };
 
-/// A slot that is being filled, from Publisher::loan(): the message is written where it will be read. Its publisher must
-/// outlive it, and publishes nothing else meanwhile.
+/// A slot that is being filled, from Publisher::loan(): the message is written where it will be read. Its publisher
+/// publishes nothing else meanwhile. When the publisher is gone, data() may still be written, and commit() throws.
 class Loan {
 public:
   Loan(Loan&&) noexcept = default;
@@ -45,25 +45,28 @@ public:
   /// Publishes the message, or its first `size` bytes, and returns its sequence number. Once.
   std::uint64_t commit() { return commit(size_); }
   std::uint64_t commit(std::size_t size) {
-    if (!publisher_) throw Error(EINVAL, "the loan was committed or moved from");
+    if (!lent_) throw Error(EINVAL, "the loan was committed or moved from");
     std::uint64_t sequence = 0;
-    detail::check(conduit_ring_publisher_commit(publisher_.get(), size, &sequence));
-    static_cast<void>(publisher_.release());
+    detail::check(conduit_ring_publisher_commit(lent_.get(), size, &sequence));
+    static_cast<void>(lent_.release());
+    lent_.get_deleter().publisher.reset();
     return sequence;
   }
 
 private:
   friend class Publisher;
 
+  /// Cancels the loan, and keeps the handle until then.
   struct Cancel {
-    void operator()(conduit_ring_publisher* publisher) const noexcept { conduit_ring_publisher_cancel(publisher); }
+    std::shared_ptr<conduit_ring_publisher> publisher;
+    void operator()(conduit_ring_publisher* lent) const noexcept { conduit_ring_publisher_cancel(lent); }
   };
 
-  Loan(conduit_ring_publisher* publisher, void* data, std::size_t size) noexcept
-      : publisher_(publisher), data_(data), size_(size) {}
+  Loan(std::shared_ptr<conduit_ring_publisher> publisher, void* data, std::size_t size) noexcept
+      : lent_(publisher.get(), Cancel{publisher}), data_(data), size_(size) {}
 
   /// Null once it is committed.
-  std::unique_ptr<conduit_ring_publisher, Cancel> publisher_;
+  std::unique_ptr<conduit_ring_publisher, Cancel> lent_;
   void* data_;
   std::size_t size_;
 };
@@ -81,7 +84,7 @@ public:
     options.geometry.slot_size_bytes = config.slot_size;
     conduit_ring_publisher* opened = nullptr;
     detail::check(conduit_ring_publisher_open(detail::c_text(topic), &options, &opened));
-    handle_.reset(opened);
+    handle_ = Handle(opened, End{std::shared_ptr<conduit_ring_publisher>(opened, conduit_ring_publisher_close)});
   }
 
   /// Publishes a copy of `size` bytes. Never waits. False, and nothing is published, when they do not fit into a slot, or
@@ -101,18 +104,21 @@ public:
     const int status = conduit_ring_publisher_loan(handle_.get(), size, &data);
     if (status == -EMSGSIZE || status == -EBUSY) return std::nullopt;
     detail::check(status);
-    return Loan(handle_.get(), data, size);
+    return Loan(handle_.get_deleter().shared, data, size);
   }
 
   const std::string& topic() const noexcept { return topic_; }
 
 private:
-  struct Close {
-    void operator()(conduit_ring_publisher* publisher) const noexcept { conduit_ring_publisher_close(publisher); }
+  /// Ends the topic. The handle is closed when no loan shares it any more.
+  struct End {
+    std::shared_ptr<conduit_ring_publisher> shared;
+    void operator()(conduit_ring_publisher* publisher) const noexcept { conduit_ring_publisher_end(publisher); }
   };
+  using Handle = std::unique_ptr<conduit_ring_publisher, End>;
 
   std::string topic_;
-  std::unique_ptr<conduit_ring_publisher, Close> handle_;
+  Handle handle_;
 };
 
 /// Whether to read a topic without touching memory that another process could take away: see CONDUIT_RING_GUARD_AUTO.

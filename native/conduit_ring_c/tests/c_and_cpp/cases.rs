@@ -3,8 +3,8 @@
 use std::process::Command;
 
 use crate::toolchain::{
-    C_CASES, CPP_CASES, Language, SANITIZED_C_CASES, SANITIZED_CPP_CASES, TestTopic, can_sanitize,
-    succeed,
+    C_CASES, CPP_CASES, CPP_CASES_BY_FMT, CPP_CASES_BY_PLAIN_FORMAT, CPP_CASES_BY_STD_FORMAT,
+    Language, SANITIZED_C_CASES, SANITIZED_CPP_CASES, TestTopic, can_sanitize, compiles, succeed,
 };
 
 fn run(program: Option<Command>, case: &str) {
@@ -44,6 +44,7 @@ cases! { C, in_c, C_CASES:
     a_fourth_lease_is_refused_and_its_message_kept
     a_lease_tells_events_and_begins_with_the_message_that_was_kept
     a_loan_is_published_when_it_is_committed
+    an_ended_publisher_keeps_its_loan_and_refuses_everything
     a_guarded_subscriber_survives_a_file_that_is_cut_off
     a_segment_is_made_and_read_as_the_wire_format_says
 }
@@ -62,6 +63,8 @@ cases! { CPP, in_cpp, CPP_CASES:
     a_seventeenth_subscriber_throws
     two_threads_share_a_publisher
     log_lines_are_formatted
+    the_level_of_log_lines_can_be_set
+    a_node_shapes_its_topics_for_large_messages
     schedules_neither_drift_nor_burst
     a_node_connects_publishers_loops_and_subscriptions
     a_nodes_callbacks_may_be_const_functions_or_lambdas
@@ -76,6 +79,7 @@ cases! { CPP, in_cpp, CPP_CASES:
     a_fourth_lease_throws
     leases_can_be_moved_and_outlive_their_subscriber
     a_loan_is_published_by_commit_and_not_otherwise
+    a_loan_that_outlives_its_publisher_throws
     a_guarded_subscriber_throws_when_the_file_is_cut_off
     a_camera_frame_is_laid_out_as_the_wire_format_says
     running_a_running_node_throws
@@ -95,6 +99,24 @@ fn every_cpp_case_is_clean_under_address_sanitizer() {
     if can_sanitize(Language::Cpp) {
         for case in CPP {
             run(SANITIZED_CPP_CASES.command(), case);
+        }
+    }
+}
+
+/// Where the standard library has no std::format and {fmt} is not installed, the headers' own formatter is the one tested.
+#[test]
+fn log_lines_are_the_same_whoever_formats_them() {
+    let formatters = [
+        (&CPP_CASES_BY_PLAIN_FORMAT, ""),
+        (&CPP_CASES_BY_FMT, "#include <fmt/format.h>"),
+        (
+            &CPP_CASES_BY_STD_FORMAT,
+            "#include <version>\n#ifndef __cpp_lib_format\n#error\n#endif",
+        ),
+    ];
+    for (program, needed) in formatters {
+        if compiles(needed, program.flags) {
+            run(program.command(), "log_lines_are_formatted");
         }
     }
 }

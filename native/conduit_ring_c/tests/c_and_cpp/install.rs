@@ -114,6 +114,19 @@ fn the_programs_of_the_guide_compile() {
     }
 }
 
+/// As a project has it that was written for the C++ headers by their own name.
+const CORE_PROJECT: &str = "\
+cmake_minimum_required(VERSION 3.19)
+project(user LANGUAGES C CXX)
+find_package(conduit_core REQUIRED)
+add_executable(talker ${EXAMPLES}/string_publisher.cpp)
+target_link_libraries(talker PRIVATE conduit_core::conduit_core)
+add_executable(listener ${EXAMPLES}/string_subscriber.cpp)
+target_link_libraries(listener PRIVATE conduit::conduit_core)
+add_executable(camera ${EXAMPLES}/camera_publisher.cpp)
+target_link_libraries(camera PRIVATE conduit_core)
+";
+
 const PROJECT: &str = "\
 cmake_minimum_required(VERSION 3.19)
 project(user LANGUAGES C CXX)
@@ -152,6 +165,18 @@ fn a_cmake_project_finds_the_installation() {
     cmake_build(&build);
     assert!(build.join("publish").exists() && build.join("subscribe").exists());
     assert!(build.join("talker").exists());
+
+    build_core_project("cmake-user-of-core", &definitions);
+}
+
+fn build_core_project(name: &str, definitions: &[String]) {
+    let project = fresh_folder(name);
+    fs::write(project.join("CMakeLists.txt"), CORE_PROJECT).unwrap();
+    let build = project.join("build");
+    configure(&project, &build, definitions);
+    cmake_build(&build);
+    assert!(build.join("talker").exists() && build.join("listener").exists());
+    assert!(build.join("camera").exists());
 }
 
 #[test]
@@ -179,6 +204,12 @@ fn a_cmake_project_finds_the_build_tree() {
     configure(&project, &build, &definitions);
     cmake_build(&build);
     assert!(build.join("talker").exists());
+
+    let definitions = [
+        format!("-Dconduit_core_DIR={}", ring.display()),
+        format!("-DEXAMPLES={}", home().join("examples").display()),
+    ];
+    build_core_project("cmake-user-of-core-in-tree", &definitions);
 }
 
 #[test]

@@ -90,6 +90,28 @@ pub fn has(program: &str) -> bool {
     version.is_ok_and(|status| status.success())
 }
 
+/// Whether a C++ source of these lines compiles; if not, it is said aloud.
+pub fn compiles(lines: &str, flags: &[&str]) -> bool {
+    let Some(mut compile) = Language::Cpp.compile() else {
+        return false;
+    };
+    let mut compiler = compile
+        .args(flags)
+        .args(["-fsyntax-only", "-x", "c++", "-"])
+        .stdin(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut source = compiler.stdin.take().unwrap();
+    writeln!(source, "{lines}").unwrap();
+    drop(source);
+    let compiles = compiler.wait().unwrap().success();
+    if !compiles {
+        skip(&format!("the compiler refuses {lines:?} with {flags:?}"));
+    }
+    compiles
+}
+
 /// The harness hides what a test that succeeds prints, except what goes straight to the descriptor.
 pub fn skip(reason: &str) {
     let _ = writeln!(io::stderr(), "skipped: {reason}");
@@ -144,12 +166,21 @@ fn build(language: Language, source: &str, flags: &[&str], to: &Path) -> Option<
 pub struct Program {
     language: Language,
     source: &'static str,
-    flags: &'static [&'static str],
+    pub flags: &'static [&'static str],
     built: OnceLock<Option<PathBuf>>,
 }
 
 pub static C_CASES: Program = Program::new(Language::C, "cases.c", &[]);
 pub static CPP_CASES: Program = Program::new(Language::Cpp, "cases.cpp", &[]);
+pub static CPP_CASES_BY_PLAIN_FORMAT: Program =
+    Program::new(Language::Cpp, "cases.cpp", &["-DCONDUIT_LOG_PLAIN_FORMAT"]);
+pub static CPP_CASES_BY_FMT: Program = Program::new(
+    Language::Cpp,
+    "cases.cpp",
+    &["-std=c++17", "-DFMT_HEADER_ONLY"],
+);
+pub static CPP_CASES_BY_STD_FORMAT: Program =
+    Program::new(Language::Cpp, "cases.cpp", &["-std=c++20"]);
 pub static C_PEER: Program = Program::new(Language::C, "peer.c", &["-O2"]);
 pub static CPP_PEER: Program = Program::new(Language::Cpp, "peer.cpp", &["-O2"]);
 pub static SANITIZED_C_CASES: Program = Program::new(Language::C, "cases.c", &SANITIZED);
@@ -180,13 +211,14 @@ impl Program {
             .map(Command::new)
     }
 
+    /// One that tells its flags apart.
     fn name(&self) -> String {
-        let kind = if self.flags == SANITIZED {
-            ".sanitized"
-        } else {
-            ""
-        };
-        format!("{}{kind}", self.source.replace('.', "_"))
+        let mut name = self.source.replace('.', "_");
+        for flag in self.flags {
+            name.push('.');
+            name.extend(flag.chars().filter(char::is_ascii_alphanumeric));
+        }
+        name
     }
 
     /// Starts it with pipes.

@@ -565,6 +565,27 @@ static void a_loan_is_published_when_it_is_committed(void) {
     conduit_ring_subscriber_close(subscriber);
 }
 
+static void an_ended_publisher_keeps_its_loan_and_refuses_everything(void) {
+    conduit_ring_publisher *publisher = publisher_of(4, 64);
+    conduit_ring_info info;
+    void *data, *second;
+    FAILS(EINVAL, "NULL", conduit_ring_publisher_end(NULL));
+    CHECK(conduit_ring_publisher_loan(publisher, 8, &data) == 0);
+    CHECK(conduit_ring_publisher_end(publisher) == 0 && conduit_ring_publisher_end(publisher) == 0);
+    memset(data, 'x', 8);
+    FAILS(ESHUTDOWN, "ended its topic", conduit_ring_publisher_commit(publisher, 8, NULL));
+    FAILS(ESHUTDOWN, "ended its topic", conduit_ring_publisher_publish(publisher, "x", 1, NULL));
+    FAILS(ESHUTDOWN, "ended its topic", conduit_ring_publisher_loan(publisher, 1, &second));
+    FAILS(ESHUTDOWN, "ended its topic", conduit_ring_publisher_info(publisher, &info));
+    CHECK(conduit_ring_publisher_cancel(publisher) == 0);
+
+    conduit_ring_publisher *next = publisher_of(4, 64);
+    publish(next, "free");
+    conduit_ring_publisher_close(publisher);
+    publish(next, "still");
+    conduit_ring_publisher_close(next);
+}
+
 static void a_guarded_subscriber_survives_a_file_that_is_cut_off(void) {
     conduit_ring_publisher *publisher = publisher_of(4, 8192);
     conduit_ring_subscriber_options options = CONDUIT_RING_SUBSCRIBER_OPTIONS_INIT;
@@ -667,6 +688,7 @@ static const struct {
     CASE(a_fourth_lease_is_refused_and_its_message_kept),
     CASE(a_lease_tells_events_and_begins_with_the_message_that_was_kept),
     CASE(a_loan_is_published_when_it_is_committed),
+    CASE(an_ended_publisher_keeps_its_loan_and_refuses_everything),
     CASE(a_guarded_subscriber_survives_a_file_that_is_cut_off),
     CASE(a_segment_is_made_and_read_as_the_wire_format_says),
 };

@@ -274,17 +274,76 @@ void log_lines_are_formatted() {
   CHECK(format("{}", static_cast<const char*>(nullptr)) == "(null)");
   CHECK(format("{} {} {}", 0.1, 0.1F, 1e21) == "0.1 0.1 1e+21");
   CHECK(format("{:.3f}|{:8.2f}|{:e}", 3.14159, 2.5, 12345.678) == "3.142|    2.50|1.234568e+04");
-  CHECK(format("{:x}|{:#x}|{:04x}|{:X}|{:o}", 255, 255, 255, 255, 8) == "ff|0xff|00ff|FF|10");
+  CHECK(format("{:x}|{:#x}|{:04x}|{:X}|{:o}|{:#b}", 255, 255, 255, 255, 8, 5) == "ff|0xff|00ff|FF|10|0b101");
   CHECK(format("{:5}|{:<5}|{:>5}|{:05}|{:*>5}", 42, 42, "ab", -42, 7) == "   42|42   |   ab|-0042|****7");
+  CHECK(format("{:5}|{:^6}|{:-^7}|{:*^4}", "ab", "ab", 1.5, 'x') == "ab   |  ab  |--1.5--|*x**");
+  CHECK(format("{:+} {: } {:+.1f} {:+}", 7, 7, 0.25, -7) == "+7  7 +0.2 -7");
+  CHECK(format("{:06.2f}|{:+06}|{:#06x}", -1.5, 7, 255) == "-01.50|+00007|0x00ff");
+  CHECK(format("{:.2}|{:5.1}|{:.3}", "abcdef", "xyz", 3.14159) == "ab|x    |3.14");
+  CHECK(format("{1} {0} {1}", "a", 'b') == "b a b");
+  CHECK(format("{:d} {:d} {:c}", true, 'A', 66) == "1 65 B");
+  CHECK(format("{} {} {}", 200.0, 0.1 + 0.2, -0.0) == "200 0.30000000000000004 -0");
+  CHECK(format("{} {} {:F}", 1.0 / 0.0, -1.0 / 0.0, 0.0 / 0.0 > 0 ? 1.0 : 1.0 / 0.0) == "inf -inf INF");
+  CHECK(format("{} {}", INT64_MIN, UINT64_MAX) == "-9223372036854775808 18446744073709551615");
+  CHECK(format("{:p}", static_cast<void*>(nullptr)) == "0x0");
+  CHECK(format("{:>5}|{:^5}", Point{1, 2}, "é") == "  1/2|  é  ");
   CHECK(format("{{}} {{{}}}", 1) == "{} {1}");
-  CHECK(format("{\"json\": {}}", 1) == "{\"json\": 1}");
-  CHECK(format("{} {}", 1) == "1 {}");
-  CHECK(format("one", 2, 3) == "one 2 3");
-  CHECK(format("{", 1) == "{ 1" && format("}") == "}" && format("{:", 1) == "{: 1");
+  CHECK(format("{}", 1, 2) == "1");
 
+  // What is no text with arguments is refused. Without arguments it is a text like any other.
+  for (const char* wrong : {"{} {}", "{", "}", "{:", "{\"json\": {}}", "{:q}", "{:.}", "{2}", "{0} {}", "{x}", "{:.2d}"})
+    thrown<std::exception>(__LINE__, [&] { static_cast<void>(format(wrong, 1)); });
+  thrown<std::exception>(__LINE__, [&] { static_cast<void>(format("{:d}", "text")); });
+  thrown<std::exception>(__LINE__, [&] { static_cast<void>(format("{:x}", 1.5)); });
+  CHECK(format("{") == "{" && format("50 % of {\"json\": 1}") == "50 % of {\"json\": 1}" && format("{{}}") == "{}");
+
+  const std::string refused = logged([] { conduit::log::warn("{:q} apples", 3); });
+  CHECK(refused.find("warn: {:q} apples [not formatted: ") == 0 && refused.back() == '\n');
   CHECK(logged([] { conduit::log::info("{} tags", 3); }) == "info: 3 tags\n");
   CHECK(logged([] { conduit::log::warn("w"); conduit::log::error("e {}", 1); }) == "warn: w\nerror: e 1\n");
   CHECK(logged([] { conduit::log::debug("hidden"); conduit::log::info(std::string("last")); }) == "info: last\n");
+}
+
+void the_level_of_log_lines_can_be_set() {
+  using conduit::log::Level;
+  const auto all = [] {
+    conduit::log::debug("d");
+    conduit::log::info("i");
+    conduit::log::warn("w");
+    conduit::log::error("e");
+  };
+  CHECK(conduit::log::level() == Level::info);
+  const std::pair<Level, const char*> lines[] = {{Level::debug, "debug: d\ninfo: i\nwarn: w\nerror: e\n"},
+                                                 {Level::info, "info: i\nwarn: w\nerror: e\n"},
+                                                 {Level::warn, "warn: w\nerror: e\n"},
+                                                 {Level::error, "error: e\n"}};
+  for (const auto& [level, written] : lines) {
+    conduit::log::set_level(level);
+    CHECK(logged(all) == written);
+  }
+  conduit::log::set_level(Level::off);
+  CHECK(logged([&] { all(); ::dprintf(STDERR_FILENO, "-"); }) == "-");
+}
+
+/// As programs have it that were written for these headers: the name of the shape unqualified in a node.
+class LargeMessages : public Node {
+public:
+  explicit LargeMessages(const std::string& topic) {
+    RingBufferConfig config;
+    config.slot_count = 4;
+    config.slot_size = 2'100'000;
+    pub_.emplace(advertise(topic, config));
+  }
+
+  bool publish(std::size_t size) { return pub_->publish(std::string(size, 'x').data(), size); }
+
+private:
+  std::optional<Publisher> pub_;
+};
+
+void a_node_shapes_its_topics_for_large_messages() {
+  LargeMessages node(topic);
+  CHECK(node.publish(2'099'980));
 }
 
 void schedules_neither_drift_nor_burst() {
@@ -558,6 +617,26 @@ void a_loan_is_published_by_commit_and_not_otherwise() {
   CHECK(!subscriber.try_read());
 }
 
+void a_loan_that_outlives_its_publisher_throws() {
+  std::optional<Publisher> publisher;
+  publisher.emplace(topic, RingBufferConfig{4, 64});
+  Subscriber subscriber(topic);
+  auto loan = publisher->loan(8);
+  publisher.reset();
+  std::memset(loan->data(), 'x', loan->size());
+  THROWS(std::system_error, "ended its topic", loan->commit());
+
+  // The topic is free, and a loan of another life does not disturb it.
+  publisher.emplace(topic, RingBufferConfig{4, 64});
+  auto other = publisher->loan(2);
+  *publisher = Publisher(topic + "-other");
+  THROWS(std::system_error, "ended its topic", other->commit());
+  other.reset();
+  loan.reset();
+  Publisher last(topic, {4, 64});
+  CHECK(publish(last, "last") && text_of(subscriber.wait()) == "last");
+}
+
 void a_guarded_subscriber_throws_when_the_file_is_cut_off() {
   Publisher publisher(topic);
   Subscriber trusting(topic, conduit::Guard::never);
@@ -619,6 +698,8 @@ const std::map<std::string, void (*)()> cases = {
     CASE(a_seventeenth_subscriber_throws),
     CASE(two_threads_share_a_publisher),
     CASE(log_lines_are_formatted),
+    CASE(the_level_of_log_lines_can_be_set),
+    CASE(a_node_shapes_its_topics_for_large_messages),
     CASE(schedules_neither_drift_nor_burst),
     CASE(a_node_connects_publishers_loops_and_subscriptions),
     CASE(a_nodes_callbacks_may_be_const_functions_or_lambdas),
@@ -633,6 +714,7 @@ const std::map<std::string, void (*)()> cases = {
     CASE(a_fourth_lease_throws),
     CASE(leases_can_be_moved_and_outlive_their_subscriber),
     CASE(a_loan_is_published_by_commit_and_not_otherwise),
+    CASE(a_loan_that_outlives_its_publisher_throws),
     CASE(a_guarded_subscriber_throws_when_the_file_is_cut_off),
     CASE(a_camera_frame_is_laid_out_as_the_wire_format_says),
     CASE(running_a_running_node_throws),
