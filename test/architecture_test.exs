@@ -19,6 +19,7 @@ defmodule ArchitectureTest do
     math: {~w(BB.Math.*), []},
     unit: {~w(BB.Unit.*), []},
     telemetry: {~w(BB.Telemetry), []},
+    errno: {~w(BB.Errno), []},
     envelope: {~w(BB.Message BB.Message.Compiler.*), [:options]},
     payload:
       {~w(BB.Message.* BB.StateMachine.Transition BB.Safety.HardwareError),
@@ -51,7 +52,7 @@ defmodule ArchitectureTest do
     # Drivers, and the bus as they see it. What is simulated behind it they cannot name.
     clock: {~w(BB.Clock.*), []},
     loop: {~w(BB.Loop), ~w(clock envelope unit telemetry)a},
-    bus: {~w(BB.Bus.*), [:clock]},
+    bus: {~w(BB.Bus.*), ~w(clock errno)a},
     simulation: {~w(BB.Bus.Sim.*), [:clock]},
     polled: {~w(BB.Sensor.Polled), ~w(sensor loop unit)a},
     driver:
@@ -64,7 +65,7 @@ defmodule ArchitectureTest do
        ~w(facade sensor bus simulation clock parameter pub_sub envelope payload unit options)a},
 
     # Outlets and inlets are sensors too, docs/decisions/0003.
-    ring: {~w(BB.Ring.*), [:options]},
+    ring: {~w(BB.Ring.*), ~w(options errno)a},
     handoff: {~w(BB.Handoff.*), ~w(facade sensor ring envelope payload math options)a},
 
     # What validates, replaces and reaches the software of a board.

@@ -27,6 +27,9 @@ defmodule BB.Ring do
 
   ## Errors
 
+  A topic's name is 1 to 200 characters out of `A-Z a-z 0-9 _ . -`. Topics that others made by other rules ("cam 1", "front:rgb") can
+  be read and looked at, not published.
+
   A wrong topic name or option raises `ArgumentError` or `BB.Options.ValidationError`. The system's trouble is
   `{:error, reason}`; `format_error/1` puts it into words:
 
@@ -37,13 +40,16 @@ defmodule BB.Ring do
   | `{:not_a_ring, path, text}` | the file is no ring, or a broken one |
   | `{:no_topic, path}` | there is no such topic (only `info/1` says so: a subscriber waits for it) |
   | `{:no_reader_slot, path}` | sixteen subscribers are attached already |
-  | `{:system, path, operation, errno}` | the operating system refused `operation`; `errno` as a number |
+  | `{:system, path, operation, errno}` | the operating system refused `operation`; `errno` as a number, see `BB.Errno` |
   | `:closed` | the publisher or subscriber was closed, or its owner has died |
   | `:message_too_large` | the message is longer than the topic's slots |
   | `:slot_held` | a subscriber holds the slot, so that this message was dropped |
   """
 
   alias BB.Ring.Native
+
+  # ENOSPC
+  @no_space 28
 
   @typedoc "Why the system refused."
   @type reason ::
@@ -94,7 +100,7 @@ defmodule BB.Ring do
 
   @doc "Looks at a topic without attaching to it."
   @spec info(String.t()) :: {:ok, info()} | {:error, reason()}
-  def info(topic), do: topic |> check_topic!() |> Native.topic_info()
+  def info(topic), do: topic |> check_found_topic!() |> Native.topic_info()
 
   @doc "Now on the ring's clock (CLOCK_MONOTONIC_RAW), in nanoseconds: comparable with any message's `timestamp_ns`."
   @spec now_ns() :: non_neg_integer()
@@ -120,8 +126,13 @@ defmodule BB.Ring do
   def format_error({:no_reader_slot, path}),
     do: "#{path} has 16 subscribers already, which is all it can have"
 
+  def format_error({:system, path, operation, @no_space}),
+    do:
+      "#{path}: #{operation} failed: no space left in #{Path.dirname(path)}; " <>
+        "remove topics that nobody uses, or mount it with a larger size"
+
   def format_error({:system, path, operation, errno}),
-    do: "#{path}: #{operation} failed with errno #{errno}"
+    do: "#{path}: #{operation} failed: #{BB.Errno.words(errno)}"
 
   def format_error({:thread, text}), do: "no thread could be started: #{text}"
   def format_error(:closed), do: "it is closed"
@@ -129,6 +140,7 @@ defmodule BB.Ring do
   def format_error(:slot_held), do: "a subscriber holds the slot"
   def format_error(reason), do: inspect(reason)
 
+  # The name of a topic that is made: read by each language's programs and tools.
   @doc false
   def check_topic(topic) do
     if is_binary(topic) and topic =~ ~r/\A[A-Za-z0-9_.-]{1,200}\z/ do
@@ -139,9 +151,27 @@ defmodule BB.Ring do
     end
   end
 
+  # The name of a topic that is read: a publisher of other rules may have made it.
   @doc false
-  def check_topic!(topic) do
-    case check_topic(topic) do
+  def check_found_topic(topic) do
+    if is_binary(topic) and String.valid?(topic) and byte_size(topic) <= 247 and
+         topic =~ ~r/\A[^\/[:cntrl:]]+\z/u do
+      {:ok, topic}
+    else
+      {:error,
+       "expected a topic's name: 1 to 247 bytes of text without / and control characters, " <>
+         "got: #{inspect(topic)}"}
+    end
+  end
+
+  @doc false
+  def check_topic!(topic), do: topic |> check_topic() |> ok!()
+
+  @doc false
+  def check_found_topic!(topic), do: topic |> check_found_topic() |> ok!()
+
+  defp ok!(checked) do
+    case checked do
       {:ok, topic} -> topic
       {:error, message} -> raise ArgumentError, message
     end

@@ -196,6 +196,55 @@ defmodule BB.RingTest do
     end
   end
 
+  describe "a topic's size and name" do
+    test "too large is what exceeds the size as given, also where the file rounds it up", %{
+      topic: topic
+    } do
+      publisher = open!(topic, slot_count: 4, slot_size: 4100)
+      :ok = Publisher.publish(publisher, :binary.copy("x", 4080))
+
+      assert {:error, :message_too_large} = Publisher.publish(publisher, :binary.copy("x", 4081))
+
+      assert {:ok, %{slot_size: 4160, max_message_size: 4080}} = Ring.info(topic)
+    end
+
+    test "the largest number of slots is that of the ring itself", %{topic: topic} do
+      publisher = open!(topic, slot_count: 1_048_576, slot_size: 64)
+      assert {:ok, %{slot_count: 1_048_576}} = Publisher.info(publisher)
+      :ok = Publisher.close(publisher)
+
+      assert_raise BB.Options.ValidationError, ~r/to 1048576, got: 2097152/, fn ->
+        Publisher.open(topic, slot_count: 2_097_152)
+      end
+    end
+
+    test "names by the rules of others are read, not made", %{topic: topic} do
+      for name <- ["cam 1", "front:rgb", "größe"] do
+        publisher = open!(topic)
+        found = "#{name} #{topic}"
+        on_exit(fn -> File.rm("/dev/shm/conduit_#{found}") end)
+        File.rename!("/dev/shm/conduit_#{topic}", "/dev/shm/conduit_#{found}")
+        %{ref: ref} = attached!(found, active: true)
+        :ok = Publisher.publish(publisher, name)
+        assert_receive {:bb_ring, ^ref, %Message{data: ^name}}, 30_000
+        assert_raise ArgumentError, ~r/A-Z a-z 0-9/, fn -> Publisher.open(found) end
+        :ok = Publisher.close(publisher)
+      end
+
+      for name <- ["", "a/b", "a\0", "a\n", <<0xFF>>, String.duplicate("x", 248), :atom] do
+        assert_raise ArgumentError, ~r/expected a topic's name/, fn -> Ring.info(name) end
+        assert_raise ArgumentError, ~r/expected a topic's name/, fn -> Subscriber.open(name) end
+      end
+    end
+
+    test "the system's refusals are words" do
+      full = {:system, "/dev/shm/conduit_x", "create", 28}
+      assert Ring.format_error(full) =~ "create failed: no space left in /dev/shm; remove topics"
+      denied = {:system, "/dev/shm/conduit_x", "open", 13}
+      assert Ring.format_error(denied) == "/dev/shm/conduit_x: open failed: permission denied"
+    end
+  end
+
   describe "a subscriber" do
     test "may come before its topic", %{topic: topic} do
       %{ref: ref} = subscribe!(topic, active: true)
@@ -630,14 +679,6 @@ defmodule BB.RingTest do
       for name <- ["", "a/b", "ä", String.duplicate("x", 201), :atom] do
         assert_raise ArgumentError, ~r/a topic's name is 1 to 200 characters/, fn ->
           Publisher.open(name)
-        end
-
-        assert_raise ArgumentError, ~r/a topic's name is 1 to 200 characters/, fn ->
-          Subscriber.open(name)
-        end
-
-        assert_raise ArgumentError, ~r/a topic's name is 1 to 200 characters/, fn ->
-          Ring.info(name)
         end
       end
     end

@@ -1,7 +1,7 @@
 defmodule BB.Handoff.Inlet do
   @schema BB.Options.new!(
             topic: [
-              type: {:custom, BB.Ring, :check_topic, []},
+              type: {:custom, BB.Ring, :check_found_topic, []},
               required: true,
               doc: "The ring topic."
             ],

@@ -4,20 +4,20 @@ defmodule BB.Ring.Publisher do
               type: {:custom, BB.Ring.Publisher, :check_slot_count, []},
               default: 16,
               doc:
-                "Number of slots: a power of two up to 65536. Set either this and `slot_size`, or `depth` and `max_message_size`."
+                "Number of slots: a power of two up to 1048576. Set either this and `slot_size`, or `depth` and `max_message_size`."
             ],
             slot_size: [
               type: {:in, 21..0x4000_0000},
               default: 4096,
               doc:
-                "Bytes of a slot, including its header of 20 bytes; rounded up to a multiple of 64."
+                "Bytes of a slot, including its header of 20 bytes. The file rounds it up to a multiple of 64; a message of more than `slot_size` - 20 bytes is too large all the same."
             ],
             depth: [
-              type: {:in, 1..65_536},
+              type: {:in, 1..1_048_576},
               doc: "Number of messages kept; rounded up to a power of two."
             ],
             max_message_size: [
-              type: {:in, 1..0x3FFF_FF00},
+              type: {:in, 1..0x3FFF_FFEC},
               doc: "Bytes of the longest message, without the slot's header."
             ],
             content: [
@@ -115,14 +115,14 @@ defmodule BB.Ring.Publisher do
   end
 
   @doc false
-  def check_slot_count(value) when is_integer(value) and value in 1..65_536 do
+  def check_slot_count(value) when is_integer(value) and value in 1..1_048_576 do
     if Bitwise.band(value, value - 1) == 0, do: {:ok, value}, else: slot_count_error(value)
   end
 
   def check_slot_count(value), do: slot_count_error(value)
 
   defp slot_count_error(value),
-    do: {:error, "expected a power of two from 1 to 65536, got: #{inspect(value)}"}
+    do: {:error, "expected a power of two from 1 to 1048576, got: #{inspect(value)}"}
 
   defp publish_iovec(handle, iovec, size) when size <= @normal_limit,
     do: Native.publish_iovec(handle, iovec)

@@ -69,7 +69,7 @@ defmodule BB.Ring.Subscriber do
   @doc "Subscribes the calling process to `topic`, which need not exist yet."
   @spec open(String.t(), keyword()) :: {:ok, t()} | {:error, BB.Ring.reason()}
   def open(topic, opts \\ []) do
-    topic = BB.Ring.check_topic!(topic)
+    topic = BB.Ring.check_found_topic!(topic)
     opts = BB.Options.validate!(opts, @schema)
     ref = make_ref()
 

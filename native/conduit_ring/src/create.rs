@@ -7,10 +7,10 @@ use crate::attach::{self, Attached};
 use crate::claim;
 use crate::clock;
 use crate::error::Error;
-use crate::header::{Header, Origin};
+use crate::header::{self, Header, Origin};
 use crate::layout::{
-    EXT_MAGIC, HEADER_LEN, MAGIC, PUBLISHER_LOCK, REALTIME_OFFSET, STATE, STATE_LIVE,
-    STATE_RETIRED, WRITER_EPOCH, WRITER_PID, WRITER_START,
+    EXT_MAGIC, HEADER_LEN, MAGIC, MESSAGE_LIMIT, PUBLISHER_LOCK, REALTIME_OFFSET, STATE,
+    STATE_LIVE, STATE_RETIRED, WRITER_EPOCH, WRITER_PID, WRITER_START,
 };
 use crate::memory::Memory;
 use crate::publisher::PublisherOptions;
@@ -107,15 +107,16 @@ fn succeed_native(
     found: Segment,
     header: Header,
 ) -> Result<Option<Attached>, Error> {
-    let same = (header.geometry, header.content) == (options.geometry, options.content);
+    let same = header.geometry.has_slots_of(&options.geometry) && header.content == options.content;
     if same {
         found
             .allocate(header.geometry.segment_len())
             .map_err(Error::os("allocate", topic.path()))?;
     }
-    let attached = attach::map(topic, found, header, Access::Write, same)?;
+    let mut attached = attach::map(topic, found, header, Access::Write, same)?;
     if same && attached.memory.u32(STATE).load(Acquire) == STATE_LIVE {
-        take_over(&attached.memory);
+        attached.header.geometry = options.geometry;
+        take_over(&attached);
         return Ok(Some(attached));
     }
     retire(topic, &attached)?;
@@ -123,7 +124,11 @@ fn succeed_native(
 }
 
 /// Goes on in place, at the same sequence number. Sleepers are called in case the predecessor died before it did.
-fn take_over(memory: &Memory) {
+fn take_over(attached: &Attached) {
+    let memory = &attached.memory;
+    memory
+        .u32(MESSAGE_LIMIT)
+        .store(header::message_limit(&attached.header.geometry), Relaxed);
     memory.u32(WRITER_EPOCH).fetch_add(1, Relaxed);
     introduce(memory);
     writer::notify_all(memory);

@@ -116,8 +116,23 @@ impl fmt::Display for Error {
                 action,
                 path,
                 source,
-            } => write!(f, "{}: {action}: {source}", path.display()),
+            } => write!(f, "{}: {action}: {}", path.display(), words(path, source)),
         }
+    }
+}
+
+/// The answer of the operating system as a person wants to read it.
+fn words(path: &Path, source: &io::Error) -> String {
+    let text = source.to_string();
+    if source.kind() == io::ErrorKind::StorageFull {
+        let directory = path.parent().unwrap_or(path).display();
+        return format!(
+            "no space left in {directory}; remove topics that nobody uses, or mount it with a larger size"
+        );
+    }
+    match text.split_once(" (os error ") {
+        Some((words, _)) => words.to_lowercase(),
+        None => text,
     }
 }
 
@@ -192,3 +207,26 @@ impl fmt::Display for PublishError {
 }
 
 impl std::error::Error for PublishError {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sentence(errno: i32) -> String {
+        let path = Path::new("/dev/shm/conduit_x");
+        Error::os("create", path)(io::Error::from_raw_os_error(errno)).to_string()
+    }
+
+    #[test]
+    fn the_answers_of_the_operating_system_are_words() {
+        assert_eq!(
+            sentence(13),
+            "/dev/shm/conduit_x: create: permission denied"
+        );
+        let full = sentence(28);
+        assert!(
+            full.starts_with("/dev/shm/conduit_x: create: no space left in /dev/shm; "),
+            "{full}"
+        );
+    }
+}

@@ -6,8 +6,8 @@ use crate::layout::{HEADER_LEN, SLOT_HEADER_LEN};
 /// Number and length of a ring's slots. A value of this type is always within the limits.
 ///
 /// conduit counts a slot's length *with* its 20-byte header ([`Geometry::slots`]); a user thinks of the messages
-/// ([`Geometry::depth`]). Both constructors round the slot's length up to a multiple of 64, so that slots start on a
-/// cache line.
+/// ([`Geometry::depth`]). Slots start on a cache line: their length in the file is rounded up to a multiple of 64. What is
+/// too large for a message is counted by the length as given, whatever the rounding left.
 ///
 /// ```
 /// use conduit_ring::Geometry;
@@ -18,12 +18,16 @@ use crate::layout::{HEADER_LEN, SLOT_HEADER_LEN};
 /// let by_depth = Geometry::depth(10, 4076)?;
 /// assert_eq!(by_depth, by_slots);
 /// assert_eq!(by_depth, Geometry::default());
+///
+/// let uneven = Geometry::slots(16, 4100)?;
+/// assert_eq!((uneven.slot_size(), uneven.max_message_size()), (4160, 4080));
 /// # Ok::<(), conduit_ring::Error>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Geometry {
     slot_count: u32,
     slot_size: u32,
+    max_message_size: u32,
 }
 
 impl Geometry {
@@ -36,12 +40,13 @@ impl Geometry {
 
     /// A ring of `slot_count` slots (a power of two) of `slot_size` bytes each, the slot's 20-byte header included.
     pub fn slots(slot_count: u32, slot_size: u32) -> Result<Geometry, Error> {
-        let exact = Geometry::exact(slot_count, slot_size)?;
-        Geometry::exact(exact.slot_count, exact.slot_size.next_multiple_of(64))
+        let given = Geometry::exact(slot_count, slot_size)?;
+        let rounded = Geometry::exact(slot_count, slot_size.next_multiple_of(64))?;
+        Ok(rounded.limited(given.max_message_size))
     }
 
     /// A ring that keeps at least the last `depth` messages of up to `max_message_size` bytes each. The depth is rounded
-    /// up to a power of two, the size so that slots fill whole cache lines.
+    /// up to a power of two, the size so that slots fill whole cache lines of the file.
     pub fn depth(depth: u32, max_message_size: u32) -> Result<Geometry, Error> {
         let invalid = || Error::InvalidGeometry {
             reason: format!(
@@ -66,6 +71,7 @@ impl Geometry {
         let geometry = Geometry {
             slot_count,
             slot_size,
+            max_message_size: slot_size.saturating_sub(SLOT_HEADER_LEN as u32),
         };
         let accepted = slot_count.is_power_of_two()
             && slot_count <= Self::MAX_SLOT_COUNT
@@ -81,18 +87,41 @@ impl Geometry {
         })
     }
 
+    /// The same slots for messages of up to `max_message_size` bytes; 0 and what is longer than a slot mean a slot's length.
+    pub(crate) fn limited(self, max_message_size: u32) -> Geometry {
+        let accepted = 1..=self.capacity() as u32;
+        Geometry {
+            max_message_size: if accepted.contains(&max_message_size) {
+                max_message_size
+            } else {
+                self.capacity() as u32
+            },
+            ..self
+        }
+    }
+
+    /// Whether the slots of both lie at the same places.
+    pub(crate) fn has_slots_of(&self, other: &Geometry) -> bool {
+        (self.slot_count, self.slot_size) == (other.slot_count, other.slot_size)
+    }
+
     /// Number of slots, a power of two.
     pub fn slot_count(&self) -> u32 {
         self.slot_count
     }
 
-    /// Length of a slot in bytes, its 20-byte header included.
+    /// Length of a slot in the file in bytes, its 20-byte header included.
     pub fn slot_size(&self) -> u32 {
         self.slot_size
     }
 
-    /// The longest message that fits, in bytes.
+    /// The longest message that is accepted, in bytes: the slot's length as it was given, without its header.
     pub fn max_message_size(&self) -> usize {
+        self.max_message_size as usize
+    }
+
+    /// Bytes of a slot behind its header.
+    pub(crate) fn capacity(&self) -> usize {
         self.slot_size as usize - SLOT_HEADER_LEN
     }
 
@@ -115,6 +144,7 @@ impl Default for Geometry {
         Geometry {
             slot_count: 16,
             slot_size: 4096,
+            max_message_size: 4096 - SLOT_HEADER_LEN as u32,
         }
     }
 }
@@ -138,6 +168,23 @@ mod tests {
         assert!(Geometry::slots(1, Geometry::MAX_SLOT_SIZE).is_ok());
         assert!(Geometry::slots(1, Geometry::MAX_SLOT_SIZE + 1).is_err());
         assert!(Geometry::slots(1, u32::MAX).is_err());
+    }
+
+    #[test]
+    fn the_longest_message_is_that_of_the_size_as_given() {
+        for slot_size in 21..=300 {
+            let geometry = Geometry::slots(4, slot_size).unwrap();
+            assert_eq!(geometry.slot_size() % 64, 0);
+            assert_eq!(geometry.max_message_size(), slot_size as usize - 20);
+            assert!(geometry.capacity() >= geometry.max_message_size());
+            let by_depth = Geometry::depth(4, slot_size - 20).unwrap();
+            assert_eq!(by_depth, geometry);
+            assert!(geometry.has_slots_of(&Geometry::slots(4, geometry.slot_size()).unwrap()));
+        }
+        let whole = Geometry::slots(4, 128).unwrap();
+        assert_eq!((whole.limited(0), whole.limited(109)), (whole, whole));
+        assert_eq!(whole.limited(108), whole);
+        assert_eq!(whole.limited(1).max_message_size(), 1);
     }
 
     #[test]

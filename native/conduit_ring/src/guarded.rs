@@ -200,7 +200,7 @@ impl SourceSlot for GuardedSlot<'_> {
     }
 
     unsafe fn read_payload(&self, to: *mut u8, len: usize) {
-        assert!(len <= self.guarded.geometry().max_message_size());
+        assert!(len <= self.guarded.geometry().capacity());
         let offset = (self.offset + SLOT_HEADER_LEN) as u64;
         // SAFETY: `to` has room for `len` bytes by the caller's promise.
         self.guarded

@@ -6,12 +6,12 @@ use crate::error::Fault;
 use crate::geometry::Geometry;
 use crate::layout::{
     CHECKSUM, CONTENT_TAG, EXT_MAGIC, FEATURES, HEADER_LEN, INSTANCE_ID, MAGIC, MAX_SUBSCRIBERS,
-    READERS, REQUIRED_FEATURES, SLOT_COUNT, SLOT_SIZE, STATE, STATE_LIVE, VERSION, VERSION_MAJOR,
-    VERSION_MINOR,
+    MESSAGE_LIMIT, READERS, REQUIRED_FEATURES, SLOT_COUNT, SLOT_SIZE, STATE, STATE_LIVE, VERSION,
+    VERSION_MAJOR, VERSION_MINOR,
 };
 
-/// Bytes of the header that are set once (all but state and epoch).
-pub(crate) const FIXED_LEN: usize = 64;
+/// Bytes of the header up to the last one that tells what a segment is.
+pub(crate) const FIXED_LEN: usize = MESSAGE_LIMIT.offset() + 4;
 
 /// Who made a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,7 +73,7 @@ impl Header {
             instance_id: long(bytes, INSTANCE_ID.offset()),
         };
         Ok(Header {
-            geometry,
+            geometry: geometry.limited(word(bytes, MESSAGE_LIMIT.offset())),
             content,
             origin,
         })
@@ -94,9 +94,19 @@ impl Header {
         put_word(&mut bytes, STATE.offset(), STATE_LIVE);
         put_long(&mut bytes, INSTANCE_ID.offset(), instance_id);
         put_long(&mut bytes, CONTENT_TAG.offset(), content.value());
+        put_word(&mut bytes, MESSAGE_LIMIT.offset(), message_limit(&geometry));
         let sum = checksum(&bytes);
         put_word(&mut bytes, CHECKSUM.offset(), sum);
         bytes
+    }
+}
+
+/// What stands at [`MESSAGE_LIMIT`] for a geometry.
+pub(crate) fn message_limit(geometry: &Geometry) -> u32 {
+    if geometry.max_message_size() == geometry.capacity() {
+        0
+    } else {
+        geometry.max_message_size() as u32
     }
 }
 
@@ -145,6 +155,19 @@ mod tests {
             origin: Origin::Native { instance_id: 7 },
         };
         assert_eq!(Header::decode(&encoded(), len()), Ok(expected));
+    }
+
+    #[test]
+    fn the_size_as_given_is_kept_beside_the_rounded_one() {
+        let given = Geometry::slots(4, 4100).unwrap();
+        let mut bytes = Header::encode(given, ContentTag::RAW, 7);
+        put_word(&mut bytes, MAGIC.offset(), EXT_MAGIC);
+        let read = |bytes: &[u8; FIXED_LEN]| Header::decode(bytes, given.segment_len()).unwrap();
+        assert_eq!(read(&bytes).geometry, given);
+        for no_limit in [0, 4141, u32::MAX] {
+            put_word(&mut bytes, MESSAGE_LIMIT.offset(), no_limit);
+            assert_eq!(read(&bytes).geometry, Geometry::slots(4, 4160).unwrap());
+        }
     }
 
     #[test]

@@ -69,6 +69,8 @@ pub(crate) const CHECKSUM: At32 = At32::new(60);
 pub(crate) const WRITE_IDX: At64 = At64::new(64);
 pub(crate) const WRITE_INTENT: At64 = At64::new(72);
 pub(crate) const WRITER_PID: At32 = At32::new(80);
+/// The longest message that the writer accepts, where that is less than a slot holds; 0 otherwise.
+pub(crate) const MESSAGE_LIMIT: At32 = At32::new(84);
 pub(crate) const WRITER_START: At64 = At64::new(88);
 pub(crate) const LAST_PUBLISH: At64 = At64::new(96);
 pub(crate) const DROPPED_PINNED: At64 = At64::new(104);

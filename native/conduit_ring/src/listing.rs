@@ -1,5 +1,6 @@
 //! Which topics there are.
 
+use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 
 use crate::error::Error;
@@ -13,7 +14,7 @@ use crate::topic::{DIRECTORY, PREFIX, Topic};
 pub struct Listing {
     /// The topics.
     pub topics: Vec<Topic>,
-    /// What begins as a segment's file does and goes on as no topic's name does.
+    /// What begins as a segment's file does and goes on as no topic's name can ([`Topic::found`]).
     pub misnamed: Vec<PathBuf>,
 }
 
@@ -26,38 +27,54 @@ impl Listing {
         let directory = Path::new(DIRECTORY);
         let mut listing = Listing::default();
         for name in segment::names_in(directory).map_err(Error::os("list", directory))? {
-            listing.add(&name.to_string_lossy(), directory.join(&name));
+            listing.add(name.to_str(), directory.join(&name));
         }
         listing.topics.sort_by(|a, b| a.name().cmp(b.name()));
         listing.misnamed.sort();
         Ok(listing)
     }
 
-    fn add(&mut self, file_name: &str, path: PathBuf) {
-        let Some(name) = file_name.strip_prefix(PREFIX) else {
+    /// `file_name` is `None` when it is no UTF-8.
+    fn add(&mut self, file_name: Option<&str>, path: PathBuf) {
+        let begins = |name: &[u8]| name.starts_with(PREFIX.as_bytes());
+        if !path.file_name().is_some_and(|name| begins(name.as_bytes())) {
             return;
-        };
-        match Topic::new(name) {
-            Ok(topic) => self.topics.push(topic),
-            Err(_) => self.misnamed.push(path),
+        }
+        match file_name.map(|name| Topic::found(&name[PREFIX.len()..])) {
+            Some(Ok(topic)) => self.topics.push(topic),
+            _ => self.misnamed.push(path),
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::ffi::OsStr;
+
     use super::*;
 
     #[test]
     fn files_of_others_are_passed_over_and_misnamed_ones_are_told() {
         let mut listing = Listing::default();
-        for name in ["conduit_imu", "sem.x", "conduit_", "conduit_a b"] {
-            listing.add(name, Path::new(DIRECTORY).join(name));
+        for name in [
+            "conduit_imu",
+            "sem.x",
+            "conduit_",
+            "conduit_a b",
+            "conduit_\n",
+        ] {
+            listing.add(Some(name), Path::new(DIRECTORY).join(name));
         }
-        assert_eq!(listing.topics, [Topic::new("imu").unwrap()]);
+        let no_text = OsStr::from_bytes(b"conduit_\xff");
+        listing.add(no_text.to_str(), Path::new(DIRECTORY).join(no_text));
+        assert_eq!(
+            listing.topics,
+            ["imu", "a b"].map(|name| Topic::found(name).unwrap())
+        );
         assert_eq!(
             listing.misnamed,
-            ["/dev/shm/conduit_", "/dev/shm/conduit_a b"].map(PathBuf::from)
+            [OsStr::new("conduit_"), OsStr::new("conduit_\n"), no_text]
+                .map(|name| Path::new(DIRECTORY).join(name))
         );
     }
 }

@@ -121,6 +121,6 @@ impl Slot<'_> {
 
     #[inline]
     fn room(&self) -> usize {
-        self.memory.geometry.max_message_size()
+        self.memory.geometry.capacity()
     }
 }

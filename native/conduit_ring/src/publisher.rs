@@ -66,9 +66,10 @@ impl Publisher {
     /// its subscribers noticing, if geometry and content are the same; in a new segment otherwise.
     ///
     /// # Errors
-    /// [`Error::PublisherAlive`] while another one lives; [`Error::LegacyInUse`] or [`Error::BadSegment`] when the file
+    /// [`Error::InvalidTopic`] for a name that [`Topic::new`] refuses; [`Error::PublisherAlive`] while another one lives; [`Error::LegacyInUse`] or [`Error::BadSegment`] when the file
     /// there is not ours and a process may use it (see [`PublisherOptions::force`]); [`Error::Os`].
     pub fn open(topic: &Topic, options: &PublisherOptions) -> Result<Publisher, Error> {
+        let topic = &Topic::new(topic.name())?;
         let attached = create::acquire(topic, options)?;
         let writer = Writer::resume(&attached.memory);
         Ok(Publisher {

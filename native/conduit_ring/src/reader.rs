@@ -250,7 +250,7 @@ impl Reader {
     pub(crate) fn take(&mut self, source: &impl Source, sink: &mut impl Sink) -> Option<Meta> {
         let slot = source.slot(self.cursor);
         let len = slot.load(SLOT_LEN) as usize;
-        if len > source.geometry().max_message_size() {
+        if len > source.geometry().capacity() {
             return None;
         }
         let timestamp_ns = long(&slot, SLOT_TIME_LO, SLOT_TIME_HI);
@@ -273,7 +273,7 @@ impl Reader {
         // From here on nothing of the slot changes, if this message is still there.
         let whole = self.is_whole(memory, &slot);
         let len = slot.load(SLOT_LEN) as usize;
-        if !whole || len > memory.geometry().max_message_size() {
+        if !whole || len > memory.geometry().capacity() {
             pins::unpin(memory, pin);
             return None;
         }

@@ -9,8 +9,11 @@ pub(crate) const DIRECTORY: &str = "/dev/shm";
 /// What the name of a segment begins with.
 pub(crate) const PREFIX: &str = "conduit_";
 const MAX_LEN: usize = 200;
+/// Bytes of a file's name behind the prefix.
+const MAX_FOUND_LEN: usize = 255 - PREFIX.len();
 
-/// A checked topic name: `[A-Za-z0-9_.-]{1,200}`, so that it can name nothing but a segment.
+/// A checked topic name, which can name nothing but a segment: `[A-Za-z0-9_.-]{1,200}`, or whatever a publisher of other
+/// rules has called its topic ([`Topic::found`]).
 ///
 /// ```
 /// let topic = conduit_ring::Topic::new("imu")?;
@@ -33,11 +36,37 @@ impl Topic {
                 name: name.chars().take(MAX_LEN + 1).collect(),
             });
         }
-        let path = Path::new(DIRECTORY).join(format!("{PREFIX}{name}"));
-        Ok(Topic {
-            path,
+        Ok(Topic::of(name))
+    }
+
+    /// Checks the name of a topic that others made: any characters but control characters and `/`, as far as a file can be
+    /// called so. For reading; a [`Publisher`](crate::Publisher) makes topics by the rules of [`Topic::new`] only.
+    ///
+    /// ```
+    /// use conduit_ring::Topic;
+    ///
+    /// assert_eq!(Topic::found("front:rgb")?.path().to_str(), Some("/dev/shm/conduit_front:rgb"));
+    /// assert!(Topic::found("../etc/passwd").is_err());
+    /// # Ok::<(), conduit_ring::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::InvalidTopic`].
+    pub fn found(name: &str) -> Result<Topic, Error> {
+        let accepted = (1..=MAX_FOUND_LEN).contains(&name.len())
+            && !name.chars().any(|c| c == '/' || c.is_control());
+        if accepted {
+            Ok(Topic::of(name))
+        } else {
+            Topic::new(name)
+        }
+    }
+
+    fn of(name: &str) -> Topic {
+        Topic {
+            path: Path::new(DIRECTORY).join(format!("{PREFIX}{name}")),
             name: name.to_owned(),
-        })
+        }
     }
 
     /// The name as given.
@@ -70,6 +99,25 @@ mod tests {
     fn every_other_name_is_refused() {
         for name in ["", "a/b", "a b", "ä", "a\0", "a\n", &"x".repeat(201)] {
             assert!(Topic::new(name).is_err(), "{name:?}");
+        }
+    }
+
+    #[test]
+    fn names_by_the_rules_of_others_are_found_and_not_made() {
+        for name in ["cam 1", "front:rgb", "größe", "a,b;c|d", &"x".repeat(247)] {
+            assert_eq!(Topic::found(name).unwrap().name(), name);
+            assert!(Topic::new(name).is_err(), "{name:?}");
+        }
+        for name in [
+            "",
+            "a/b",
+            "a\0",
+            "a\n",
+            "\u{1b}[2J",
+            "\u{85}",
+            &"x".repeat(248),
+        ] {
+            assert!(Topic::found(name).is_err(), "{name:?}");
         }
     }
 }

@@ -9,8 +9,8 @@ use std::thread;
 use std::time::Duration;
 
 use conduit_ring::{
-    ContentTag, Error, Fault, Geometry, Info, Policy, Publisher, PublisherOptions, Read, Received,
-    Start, State, Subscriber, SubscriberOptions, Topic, Wait,
+    ContentTag, Error, Fault, Geometry, Info, Listing, Policy, Publisher, PublisherOptions, Read,
+    Received, Start, State, Subscriber, SubscriberOptions, Topic, Wait,
 };
 use support::{LONG, Raw, Scratch, next, next_message};
 
@@ -426,4 +426,56 @@ fn a_policy_can_be_changed() {
     assert_eq!(next_message(&mut subscriber, &mut buffer), (0, 0));
     subscriber.set_policy(Policy::Latest);
     assert_eq!(next_message(&mut subscriber, &mut buffer), (3, 2));
+}
+
+#[test]
+fn what_is_too_large_is_counted_by_the_size_as_given_and_stays_so_in_the_next_life() {
+    let topic = Scratch::new();
+    let options = PublisherOptions {
+        geometry: Geometry::slots(4, 4100).unwrap(),
+        ..Default::default()
+    };
+    let mut subscriber = subscriber(&topic);
+    for life in 0..3_u64 {
+        let mut publisher = Publisher::open(&topic, &options).unwrap();
+        assert_eq!(publisher.next_sequence(), life);
+        assert!(publisher.publish(&[1; 4081]).is_err());
+        assert!(publisher.loan(4081).is_err());
+        publisher.publish(&[1; 4080]).unwrap();
+        let info = Info::read(&topic).unwrap();
+        assert_eq!(info.geometry, options.geometry);
+        assert_eq!(info.geometry.slot_size(), 4160);
+        assert_eq!(next_message(&mut subscriber, &mut Vec::new()), (life, 0));
+        publisher.abandon();
+    }
+
+    // The slots are the same, so that one who was given another size goes on in place, by that size.
+    let whole = PublisherOptions {
+        geometry: Geometry::slots(4, 4160).unwrap(),
+        ..Default::default()
+    };
+    let mut publisher = Publisher::open(&topic, &whole).unwrap();
+    assert_eq!(publisher.next_sequence(), 3);
+    publisher.publish(&[1; 4140]).unwrap();
+    assert_eq!(Info::read(&topic).unwrap().geometry, whole.geometry);
+}
+
+#[test]
+fn topics_by_the_names_of_others_are_read_and_listed_but_not_made() {
+    for name in ["cam 1", "front:rgb", "größe"] {
+        let made = Scratch::new();
+        let mut publisher = publisher(&made);
+        let found = Topic::found(&format!("{name} {}", made.name())).unwrap();
+        let error = Publisher::open(&found, &PublisherOptions::default()).unwrap_err();
+        assert!(matches!(error, Error::InvalidTopic { .. }), "{error}");
+
+        std::fs::rename(made.path(), found.path()).unwrap();
+        let mut subscriber = subscriber(&found);
+        publisher.publish(b"seen").unwrap();
+        assert_eq!(next_message(&mut subscriber, &mut Vec::new()), (0, 0));
+        assert_eq!(Info::read(&found).unwrap().published, 1);
+        let listing = Listing::read().unwrap();
+        assert!(listing.topics.contains(&found));
+        std::fs::remove_file(found.path()).unwrap();
+    }
 }

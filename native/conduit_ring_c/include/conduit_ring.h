@@ -68,10 +68,11 @@ int64_t conduit_ring_clock_realtime_offset_ns(void);
 
 /* ---- Geometry ------------------------------------------------------------------------------------------------- */
 
-/* Number and length of a ring's slots. The longest message has slot_size_bytes - CONDUIT_RING_SLOT_HEADER_BYTES. */
+/* Number and length of a ring's slots. The longest message has slot_size_bytes - CONDUIT_RING_SLOT_HEADER_BYTES, whatever
+ * the file rounds a slot's length up to (a multiple of 64). */
 typedef struct conduit_ring_geometry {
     uint32_t slot_count;      /* a power of two, up to 2^20 */
-    uint32_t slot_size_bytes; /* with the slot's header; rounded up to a multiple of 64; up to 2^30 */
+    uint32_t slot_size_bytes; /* with the slot's header; up to 2^30 */
 } conduit_ring_geometry;
 
 #define CONDUIT_RING_SLOT_HEADER_BYTES 20u
@@ -79,7 +80,7 @@ typedef struct conduit_ring_geometry {
 /* As conduit counts: a slot's length includes its header. -EINVAL outside the limits. */
 int conduit_ring_geometry_slots(uint32_t slot_count, uint32_t slot_size_bytes, conduit_ring_geometry *geometry);
 
-/* As a user thinks: at least `depth` messages of up to `max_message_size_bytes`. Both are rounded up. */
+/* As a user thinks: at least `depth` messages, rounded up to a power of two, of up to `max_message_size_bytes`. */
 int conduit_ring_geometry_depth(uint32_t depth, uint32_t max_message_size_bytes, conduit_ring_geometry *geometry);
 
 /* ---- Publishing ----------------------------------------------------------------------------------------------- */

@@ -46,7 +46,11 @@ fn make(out: *mut conduit_ring_geometry, geometry: Result<Geometry, conduit_ring
     answer(|| {
         // SAFETY: null or writable, by the header.
         let out = unsafe { Out::new(out, "geometry") }?;
-        out.put(geometry.map_err(Failure::from)?.into());
+        let geometry = geometry.map_err(Failure::from)?;
+        out.put(conduit_ring_geometry {
+            slot_count: geometry.slot_count(),
+            slot_size_bytes: geometry.max_message_size() as u32 + CONDUIT_RING_SLOT_HEADER_BYTES,
+        });
         Ok(())
     })
 }

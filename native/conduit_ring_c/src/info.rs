@@ -140,7 +140,7 @@ unsafe extern "C" fn conduit_ring_topic_info(
         let name = unsafe { pointer::text(topic, "topic") }?;
         // SAFETY: null or writable, by the header.
         let out = unsafe { Out::new(info, "info") }?;
-        let info = Topic::new(name).and_then(|topic| Info::read(&topic));
+        let info = Topic::found(name).and_then(|topic| Info::read(&topic));
         out.put((&info.map_err(Failure::from)?).into());
         Ok(())
     })

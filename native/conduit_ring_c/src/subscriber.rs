@@ -389,7 +389,7 @@ unsafe extern "C" fn conduit_ring_subscriber_open(
     answer(|| {
         let open = || {
             // SAFETY: null or a text, by the header.
-            let topic = Topic::new(unsafe { pointer::text(topic, "topic") }?)?;
+            let topic = Topic::found(unsafe { pointer::text(topic, "topic") }?)?;
             // SAFETY: null or options, by the header.
             let options = unsafe { read_options(options) }?;
             Ok(conduit_ring_subscriber(Mutex::new(Inner {

@@ -39,7 +39,7 @@ fn nothing() -> rustler::Atom {
 
 #[rustler::nif(schedule = "DirtyIo")]
 fn topic_info<'a>(env: Env<'a>, topic: &str) -> NifResult<Term<'a>> {
-    let info = conduit_ring::Topic::new(topic).and_then(|topic| conduit_ring::Info::read(&topic));
+    let info = conduit_ring::Topic::found(topic).and_then(|topic| conduit_ring::Info::read(&topic));
     Ok(match info {
         Ok(info) => terms::ok(env, InfoTerm::from(info)),
         Err(error) => failure(env, &error),

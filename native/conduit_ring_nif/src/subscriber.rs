@@ -196,7 +196,7 @@ fn subscriber_open<'a>(
     options: OpenOptions,
 ) -> NifResult<Term<'a>> {
     let options = SubscriberOptions::from(options);
-    let ring = match Topic::new(topic).and_then(|topic| Subscriber::open(&topic, &options)) {
+    let ring = match Topic::found(topic).and_then(|topic| Subscriber::open(&topic, &options)) {
         Ok(ring) => ring,
         Err(error) => return Ok(failure(env, &error)),
     };

@@ -1,8 +1,6 @@
 //! Looks at topics from outside.
 
-use std::io;
-
-use conduit_ring::{Info, Reader, State, Topic};
+use conduit_ring::{Info, Listing, Reader, State, Topic};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
@@ -11,21 +9,9 @@ use crate::errors;
 /// The names of all topics that there are, sorted: of those whose publisher died, too.
 #[pyfunction]
 pub(crate) fn topics() -> PyResult<Vec<String>> {
-    let example = Topic::new("x").map_err(errors::of_ring)?;
-    let (Some(directory), Some(file)) = (example.path().parent(), example.path().file_name())
-    else {
-        return Ok(Vec::new());
-    };
-    let prefix = file.to_string_lossy();
-    let prefix = prefix.strip_suffix("x").unwrap_or_default();
-    let files: Vec<_> = directory.read_dir()?.collect::<io::Result<_>>()?;
-    let mut topics: Vec<String> = files
-        .iter()
-        .filter_map(|file| Some(file.file_name().to_str()?.strip_prefix(prefix)?.to_owned()))
-        .filter(|name| Topic::new(name).is_ok())
-        .collect();
-    topics.sort_unstable();
-    Ok(topics)
+    let listing = Listing::read().map_err(errors::of_ring)?;
+    let names = listing.topics.iter().map(|topic| topic.name().to_owned());
+    Ok(names.collect())
 }
 
 /// Looks at a topic without taking part: read-only, and without a reader slot.
@@ -34,7 +20,7 @@ pub(crate) fn topics() -> PyResult<Vec<String>> {
 #[pyfunction]
 #[pyo3(signature = (topic, /))]
 pub(crate) fn info<'py>(py: Python<'py>, topic: &str) -> PyResult<Bound<'py, PyAny>> {
-    let topic = Topic::new(topic).map_err(errors::of_ring)?;
+    let topic = Topic::found(topic).map_err(errors::of_ring)?;
     let info = py.detach(|| Info::read(&topic)).map_err(errors::of_ring)?;
     to_python(py, &info)
 }

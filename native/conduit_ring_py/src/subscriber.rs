@@ -69,7 +69,7 @@ impl Subscriber {
         policy: &str,
         guard: &str,
     ) -> PyResult<Subscriber> {
-        let topic = Topic::new(topic).map_err(errors::of_ring)?;
+        let topic = Topic::found(topic).map_err(errors::of_ring)?;
         let options = SubscriberOptions {
             start: start.map_or(Ok(Start::New), start_of)?,
             policy: policy_of(policy)?,

@@ -17,12 +17,26 @@ def test_topics_are_those_that_there_are(topic):
 
 
 def test_files_that_are_no_topics_are_not_listed(topic):
-    odd = f"/dev/shm/conduit_{topic} with a blank"
+    odd = f"/dev/shm/conduit_{topic} with a\nnew line"
     open(odd, "w").close()
     try:
-        assert not any("blank" in name for name in topics())
+        assert not any("new line" in name for name in topics())
     finally:
         os.remove(odd)
+
+
+def test_topics_by_the_names_of_others_are_read_and_listed(topic):
+    found = f"front:rgb {topic}"
+    with Publisher(topic) as publisher:
+        os.rename(f"/dev/shm/conduit_{topic}", f"/dev/shm/conduit_{found}")
+        try:
+            assert found in topics()
+            assert info(found).published == 0
+            with Subscriber(found) as subscriber:
+                publisher.publish(b"seen")
+                assert subscriber.recv(timeout=30).data == b"seen"
+        finally:
+            os.remove(f"/dev/shm/conduit_{found}")
 
 
 def test_info_tells_all_about_a_topic(topic):

@@ -150,7 +150,7 @@ fn take_topic(verb: &Verb, name: &str, options: &mut Options) -> Result<(), Fail
             verb.name
         )));
     }
-    let topic = Topic::new(name)
+    let topic = Topic::found(name)
         .map_err(|_| usage(format!("TOPIC was given {name:?}; accepted: {TOPIC}")))?;
     options.topic = Some(topic);
     Ok(())

@@ -110,7 +110,7 @@ fn topics_lists_the_living_the_dead_and_the_broken() {
     );
     assert_eq!(
         (&row["slot_size"], &row["max_message_size"]),
-        (&json!(4032), &json!(4012))
+        (&json!(4032), &json!(4000))
     );
     assert_eq!(row["content"], "raw");
     assert!(row["rate_hz"].as_f64().unwrap() > 1.0, "{row}");

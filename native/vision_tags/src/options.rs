@@ -75,7 +75,7 @@ impl Call {
         while let Some(option) = arguments.next()? {
             match option {
                 "--frames" => frames = Some(topic(&mut arguments)?),
-                "--detections" => detections = Some(topic(&mut arguments)?),
+                "--detections" => detections = Some(own_topic(&mut arguments)?),
                 "--imu" => imu = Some(topic(&mut arguments)?),
                 "--family" => settings.family = family(&mut arguments)?,
                 "--threads" => {
@@ -121,8 +121,14 @@ impl Options {
     }
 }
 
-fn topic(arguments: &mut Arguments) -> Result<Topic, Failure> {
+/// One that it makes.
+fn own_topic(arguments: &mut Arguments) -> Result<Topic, Failure> {
     arguments.read(TOPIC, |name| Topic::new(name).ok())
+}
+
+/// One that it reads.
+fn topic(arguments: &mut Arguments) -> Result<Topic, Failure> {
+    arguments.read(TOPIC, |name| Topic::found(name).ok())
 }
 
 fn family(arguments: &mut Arguments) -> Result<&'static str, Failure> {

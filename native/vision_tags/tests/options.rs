@@ -37,6 +37,12 @@ fn two_topics_are_enough() {
 }
 
 #[test]
+fn topics_of_others_are_read_by_their_names() {
+    let imu = options(&["--imu", "front:imu"]).imu;
+    assert_eq!(imu, Topic::found("front:imu").ok());
+}
+
+#[test]
 fn unless_told_otherwise_it_looks_as_the_reference_does() {
     let settings = Settings::default();
     assert_eq!(settings.family, "tag36h11");
@@ -72,7 +78,8 @@ fn wrong_values_are_refused_with_what_is_accepted() {
         ("--threads", "0", "1 to 16"),
         ("--quad-decimate", "2.5", "1, 1.5, 2"),
         ("--quad-decimate", "0.5", "1, 1.5, 2"),
-        ("--imu", "a b", "1 to 200 of A-Z"),
+        ("--imu", "a/b", "1 to 200 of A-Z"),
+        ("--detections", "a b", "1 to 200 of A-Z"),
     ] {
         let text = refusal(parse(&[option, value]));
         let start = format!("{option} was given {value:?}; accepted: ");

@@ -193,8 +193,10 @@ defmodule BB.Bus.I2C.Device do
       "the chip at #{place(bus, address)} was reset or lost its power while in use: check its supply"
 
   def explain({:bus, bus, address, error}),
-    do:
-      "a transfer with #{place(bus, address)} failed with #{inspect(error)}: look at the kernel's log"
+    do: "a transfer with #{place(bus, address)} failed: #{words(error)}; look at the kernel's log"
+
+  defp words({:errno, errno}), do: BB.Errno.words(errno)
+  defp words(error), do: inspect(error)
 
   @doc """
   A place in words, for the sentences of a driver's own reasons.

@@ -38,7 +38,7 @@ cases! { C, in_c, C_CASES:
     waiting_ends_in_time_and_by_the_waker
     a_second_thread_is_refused_by_a_subscriber
     a_topic_can_be_looked_at_from_outside
-    geometries_are_rounded_up
+    what_is_too_large_is_counted_by_the_size_as_given
     the_clock_is_the_one_that_stamps_messages
     a_lease_keeps_a_message_in_its_slot_until_it_is_released
     a_fourth_lease_is_refused_and_its_message_kept

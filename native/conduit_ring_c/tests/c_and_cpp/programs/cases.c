@@ -427,12 +427,26 @@ static void a_topic_can_be_looked_at_from_outside(void) {
     conduit_ring_publisher_close(publisher);
 }
 
-static void geometries_are_rounded_up(void) {
+static void what_is_too_large_is_counted_by_the_size_as_given(void) {
     conduit_ring_geometry geometry;
     CHECK(conduit_ring_geometry_slots(4, 2100000, &geometry) == 0);
-    CHECK(geometry.slot_count == 4 && geometry.slot_size_bytes == 2100032);
+    CHECK(geometry.slot_count == 4 && geometry.slot_size_bytes == 2100000);
     CHECK(conduit_ring_geometry_depth(10, 4076, &geometry) == 0);
     CHECK(geometry.slot_count == 16 && geometry.slot_size_bytes == 4096);
+    FAILS(EINVAL, "2097152 slots", conduit_ring_geometry_slots(1u << 21, 64, &geometry));
+    CHECK(conduit_ring_geometry_slots(1u << 20, 64, &geometry) == 0);
+
+    conduit_ring_info info;
+    const char message[4081] = {0};
+    for (int life = 0; life < 2; ++life) {
+        conduit_ring_publisher *publisher = publisher_of(4, 4100);
+        CHECK(conduit_ring_publisher_publish(publisher, message, 4080, NULL) == 0);
+        FAILS(EMSGSIZE, "4081 bytes and a slot holds 4080", conduit_ring_publisher_publish(publisher, message, 4081, NULL));
+        CHECK(conduit_ring_publisher_info(publisher, &info) == 0);
+        CHECK(info.max_message_size_bytes == 4080 && info.geometry.slot_size_bytes == 4160);
+        if (life == 0) conduit_ring_publisher_abandon(publisher);
+        else conduit_ring_publisher_close(publisher);
+    }
 }
 
 static void the_clock_is_the_one_that_stamps_messages(void) {
@@ -682,7 +696,7 @@ static const struct {
     CASE(waiting_ends_in_time_and_by_the_waker),
     CASE(a_second_thread_is_refused_by_a_subscriber),
     CASE(a_topic_can_be_looked_at_from_outside),
-    CASE(geometries_are_rounded_up),
+    CASE(what_is_too_large_is_counted_by_the_size_as_given),
     CASE(the_clock_is_the_one_that_stamps_messages),
     CASE(a_lease_keeps_a_message_in_its_slot_until_it_is_released),
     CASE(a_fourth_lease_is_refused_and_its_message_kept),

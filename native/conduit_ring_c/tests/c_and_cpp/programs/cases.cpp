@@ -344,6 +344,7 @@ private:
 void a_node_shapes_its_topics_for_large_messages() {
   LargeMessages node(topic);
   CHECK(node.publish(2'099'980));
+  CHECK(!node.publish(2'099'981));
 }
 
 void schedules_neither_drift_nor_burst() {

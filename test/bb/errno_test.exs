@@ -1,0 +1,4 @@
+defmodule BB.ErrnoTest do
+  use ExUnit.Case, async: true
+  doctest BB.Errno
+end
