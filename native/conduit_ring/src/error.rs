@@ -40,6 +40,11 @@ pub enum Error {
         /// The segment's file.
         path: PathBuf,
     },
+    /// It was opened by the process that forked this one.
+    Forked {
+        /// The segment's file.
+        path: PathBuf,
+    },
     /// There is no such topic.
     NoTopic {
         /// The file that is not there.
@@ -110,6 +115,11 @@ impl fmt::Display for Error {
                     path.display()
                 )
             }
+            Error::Forked { path } => write!(
+                f,
+                "{}: opened by the process that forked this one; open the topic in this process",
+                path.display()
+            ),
             Error::NoTopic { path } => write!(f, "{}: there is no such topic", path.display()),
             Error::BadSegment { path, fault } => write!(f, "{}: {fault}", path.display()),
             Error::Os {
@@ -193,6 +203,8 @@ pub enum PublishError {
     /// A subscriber's [`Lease`](crate::Lease) holds the message that this one would overwrite. It was dropped and counted;
     /// the next one gets the same number.
     SlotHeld,
+    /// The publisher belongs to the process that forked this one.
+    Forked,
 }
 
 impl fmt::Display for PublishError {
@@ -202,6 +214,9 @@ impl fmt::Display for PublishError {
                 write!(f, "the message has {len} bytes and a slot holds {max}")
             }
             PublishError::SlotHeld => f.write_str("a subscriber holds the slot"),
+            PublishError::Forked => {
+                f.write_str("the publisher belongs to the process that forked this one")
+            }
         }
     }
 }

@@ -64,7 +64,8 @@
 //!   for all who have it mapped. Subscribers of another user's topic are safe from that ([`Guard`]), publishers and
 //!   [`Info::read`] are not.
 //! - For several publishers of one topic: the second is refused. Use a topic for each.
-//! - Across `fork` without `exec`: the child shares its parent's locks and would keep a dead parent's topic locked.
+//! - Across `fork` without `exec`: what the parent opened is refused in the child ([`Error::Forked`]), which neither closes
+//!   nor unlinks nor unlocks any of it. But the child shares its parent's locks, and would keep a dead parent's topic locked.
 //!
 //! # How it is built
 //!
@@ -125,6 +126,8 @@ mod listing;
 mod loan;
 #[cfg(not(loom))]
 mod observer;
+#[cfg(not(loom))]
+mod owner;
 #[cfg(not(loom))]
 mod publisher;
 #[cfg(not(loom))]

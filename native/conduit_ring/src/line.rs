@@ -9,6 +9,7 @@ use crate::claim::{Claim, Claimant};
 use crate::error::Error;
 use crate::layout::{At64, ReaderLine};
 use crate::memory::Memory;
+use crate::owner::Owner;
 use crate::pins;
 use crate::segment::{self, Access, Mapping};
 use crate::sync::Ordering::{AcqRel, Acquire, Relaxed, Release};
@@ -18,6 +19,7 @@ pub(crate) struct Line {
     attached: Arc<Attached>,
     claim: Claim,
     given_up: AtomicBool,
+    owner: Owner,
     /// Bit i: ticket i is out.
     tickets: AtomicU32,
     /// Mappings that leases looked through and the next ones will.
@@ -41,6 +43,7 @@ impl Line {
             attached: attached.clone(),
             claim,
             given_up: AtomicBool::new(false),
+            owner: Owner::here(),
             tickets: AtomicU32::new(0),
             views: Mutex::default(),
         }))
@@ -57,7 +60,7 @@ impl Line {
 
     /// Gives the line up, once.
     pub(crate) fn give_up(&self) -> io::Result<()> {
-        if self.given_up.swap(true, AcqRel) {
+        if !self.owner.is_here() || self.given_up.swap(true, AcqRel) {
             return Ok(());
         }
         self.claim.release(self.memory(), &self.attached.segment)
@@ -120,7 +123,7 @@ impl Ticket {
 
 impl Drop for Ticket {
     fn drop(&mut self) {
-        if !self.line.given_up.load(Acquire) {
+        if !self.line.given_up.load(Acquire) && self.line.owner.is_here() {
             pins::unpin(self.line.memory(), self.pin());
         }
         self.line.tickets.fetch_and(!(1 << self.number), Release);

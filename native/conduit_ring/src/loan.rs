@@ -87,7 +87,7 @@ impl<'a> Loan<'a> {
         self.publisher.lent_payload()
     }
 
-    /// Publishes the message and returns its sequence number.
+    /// Publishes the message and returns its sequence number. In a child of the process that borrowed it, nothing.
     pub fn commit(self) -> u64 {
         self.publisher.commit(self.len)
     }

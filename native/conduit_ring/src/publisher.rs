@@ -14,6 +14,7 @@ use crate::info::Info;
 use crate::layout::{PUBLISHER_LOCK, STATE, STATE_CLOSED};
 use crate::loan::Loan;
 use crate::memory::Memory;
+use crate::owner::Owner;
 use crate::sync::Ordering::Release;
 use crate::topic::Topic;
 use crate::writer::{self, Pinned, Wake, Writer};
@@ -59,6 +60,7 @@ pub struct Publisher {
     /// When to look next whether the holders of a slot live, on the clock of messages.
     next_holder_look_ns: u64,
     abandoned: bool,
+    owner: Owner,
 }
 
 impl Publisher {
@@ -79,6 +81,7 @@ impl Publisher {
             fruitless_wakes: 0,
             next_holder_look_ns: 0,
             abandoned: false,
+            owner: Owner::here(),
         })
     }
 
@@ -138,6 +141,9 @@ impl Publisher {
 
     /// Publishes the first `len` bytes of what was lent.
     pub(crate) fn commit(&mut self, len: usize) -> u64 {
+        if !self.owner.is_here() {
+            return self.writer.next();
+        }
         let now_ns = clock::now_ns();
         let memory = &self.attached.memory;
         self.writer.commit(memory, len, now_ns);
@@ -153,6 +159,9 @@ impl Publisher {
 
     #[inline]
     fn check_len(&self, len: usize) -> Result<(), PublishError> {
+        if !self.owner.is_here() {
+            return Err(PublishError::Forked);
+        }
         let max = self.attached.header.geometry.max_message_size();
         if len > max {
             self.writer.reject_oversize(self.memory());
@@ -239,6 +248,9 @@ impl Publisher {
 
 impl Drop for Publisher {
     fn drop(&mut self) {
+        if !self.owner.is_here() {
+            return;
+        }
         if !self.abandoned {
             self.end_topic();
         }

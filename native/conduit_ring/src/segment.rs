@@ -583,6 +583,13 @@ pub(crate) fn random_id() -> io::Result<u64> {
     }
 }
 
+/// Has `call` run in each child that this process forks from now on.
+pub(crate) fn call_in_children(call: extern "C" fn()) {
+    // SAFETY: the function lives for ever, and does nothing that a child with one thread may not.
+    // It fails only without memory; then children are taken for their parents, as they were.
+    let _ = unsafe { libc::pthread_atfork(None, None, Some(call)) };
+}
+
 /// When this process started, in clock ticks since boot; 0 if /proc does not tell.
 pub(crate) fn process_start_time() -> u64 {
     const FIELDS_AFTER_NAME: usize = 19;

@@ -10,6 +10,7 @@ use crate::error::Error;
 use crate::geometry::Geometry;
 use crate::guarded::Guard;
 use crate::lease::Lease;
+use crate::owner::Owner;
 use crate::reader::{Meta, Policy, Sink, Start};
 use crate::segment::{self, Watch};
 use crate::topic::{DIRECTORY, Topic};
@@ -93,6 +94,7 @@ pub struct Subscriber {
     pending: Option<Change>,
     next_look: Instant,
     past: Stats,
+    owner: Owner,
 }
 
 /// What the subscriber holds on to.
@@ -143,6 +145,7 @@ impl Subscriber {
             pending: None,
             next_look: Instant::now(),
             past: Stats::default(),
+            owner: Owner::here(),
         };
         match Attachment::open(topic, part, options.guard, Beginning::At(options.start))? {
             Some(attachment) => subscriber.hold(attachment)?,
@@ -220,6 +223,7 @@ impl Subscriber {
     /// # Errors
     /// As [`Subscriber::try_read`].
     pub fn wait(&mut self, timeout: Duration) -> Result<Wait, Error> {
+        self.check_owner()?;
         let deadline = Instant::now().checked_add(timeout);
         loop {
             if self.waker.take() {
@@ -324,6 +328,17 @@ impl Subscriber {
         }
     }
 
+    /// A child that read on would move the cursor of its parent.
+    #[inline]
+    fn check_owner(&self) -> Result<(), Error> {
+        if self.owner.is_here() {
+            return Ok(());
+        }
+        Err(Error::Forked {
+            path: self.topic.path().to_owned(),
+        })
+    }
+
     fn has_news(&self) -> bool {
         self.attachment().is_some_and(Attachment::has_news)
     }
@@ -333,6 +348,7 @@ impl Subscriber {
         &mut self,
         mut take: impl FnMut(&mut Attachment, &Topic, Policy) -> Result<Option<T>, Error>,
     ) -> Result<Step<T>, Error> {
+        self.check_owner()?;
         if self.publisher_up
             && self.pending.is_none()
             && let Some(message) = self.take(&mut take)?

@@ -22,11 +22,13 @@
  *   -ENOBUFS          the buffer is too small for the message, which is kept for the next read
  *   -EALREADY         another thread is using this subscriber; a loan of this publisher is out
  *   -ESHUTDOWN        this publisher has ended its topic
+ *   -EPERM            the handle belongs to the process that forked this one
  *   -ENOTRECOVERABLE  a fault inside the library, or a handle that had one before; close it
  *   any other         what the operating system answered
  *
  * Threads. A publisher may be used by several threads at once. A subscriber may be used by one at a time; only its
- * wakers may be used meanwhile. Close a handle when no thread uses it any more. Do not use handles after fork() in the child.
+ * wakers may be used meanwhile. Close a handle when no thread uses it any more. A child after fork()
+ * may close its parent's handles, which changes nothing for the parent; whatever else is asked of them answers -EPERM.
  *
  * Units stand in the names: _ns, _bytes. Times are of CLOCK_MONOTONIC_RAW.
  */

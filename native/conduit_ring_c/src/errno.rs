@@ -14,6 +14,7 @@ pub(crate) const EMSGSIZE: c_int = 90;
 pub(crate) const ENOBUFS: c_int = 105;
 pub(crate) const ENOENT: c_int = 2;
 pub(crate) const ENOTRECOVERABLE: c_int = 131;
+pub(crate) const EPERM: c_int = 1;
 pub(crate) const EPROTO: c_int = 71;
 pub(crate) const ESHUTDOWN: c_int = 108;
 pub(crate) const ETIMEDOUT: c_int = 110;

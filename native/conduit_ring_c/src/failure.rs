@@ -84,6 +84,7 @@ impl From<Error> for Failure {
             Error::NoReaderSlot { .. } => errno::EUSERS,
             Error::TooManyLeases { .. } => errno::EMFILE,
             Error::NoTopic { .. } => errno::ENOENT,
+            Error::Forked { .. } => errno::EPERM,
             Error::BadSegment { .. } => errno::EPROTO,
             other => other.errno().unwrap_or(errno::EIO),
         };
@@ -96,6 +97,7 @@ impl From<PublishError> for Failure {
         let errno = match &error {
             PublishError::TooLarge { .. } => errno::EMSGSIZE,
             PublishError::SlotHeld => errno::EBUSY,
+            PublishError::Forked => errno::EPERM,
             _ => errno::EIO,
         };
         Failure::new(errno, error.to_string())

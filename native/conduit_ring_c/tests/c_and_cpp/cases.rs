@@ -80,6 +80,7 @@ cases! { CPP, in_cpp, CPP_CASES:
     leases_can_be_moved_and_outlive_their_subscriber
     a_loan_is_published_by_commit_and_not_otherwise
     a_loan_that_outlives_its_publisher_throws
+    a_child_leaves_the_topics_of_its_parent_alone
     a_guarded_subscriber_throws_when_the_file_is_cut_off
     a_camera_frame_is_laid_out_as_the_wire_format_says
     running_a_running_node_throws

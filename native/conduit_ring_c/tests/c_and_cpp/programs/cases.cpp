@@ -22,6 +22,7 @@
 #include <vector>
 
 #include <fcntl.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <conduit_core/log.hpp>
@@ -638,6 +639,40 @@ void a_loan_that_outlives_its_publisher_throws() {
   CHECK(publish(last, "last") && text_of(subscriber.wait()) == "last");
 }
 
+void a_child_leaves_the_topics_of_its_parent_alone() {
+  std::optional<Publisher> publisher;
+  publisher.emplace(topic, RingBufferConfig{4, 64});
+  std::optional<Subscriber> subscriber(topic);
+  std::optional<conduit::Lease> lease;
+  CHECK(publish(*publisher, "held"));
+  lease.emplace(subscriber->wait_lease());
+  CHECK(publish(*publisher, "before"));
+
+  const pid_t child = ::fork();
+  if (child == 0) {
+    THROWS(std::system_error, "forked", publish(*publisher, "from the child"));
+    THROWS(std::system_error, "forked", static_cast<void>(publisher->loan(1)));
+    THROWS(std::system_error, "forked", static_cast<void>(subscriber->try_read()));
+    THROWS(std::system_error, "forked", static_cast<void>(subscriber->wait_for(1ms)));
+    lease.reset();
+    subscriber.reset();
+    publisher.reset();
+    std::exit(0);
+  }
+  int status = -1;
+  CHECK(::waitpid(child, &status, 0) == child && WIFEXITED(status) && WEXITSTATUS(status) == 0);
+
+  conduit_ring_info info{};
+  CHECK(conduit_ring_topic_info(topic.c_str(), &info) == 0);
+  CHECK(info.state == CONDUIT_RING_STATE_LIVE && info.reader_count == 1);
+  CHECK(info.readers[0].is_alive);
+  THROWS(std::system_error, "publishes this topic", Publisher(topic));
+  CHECK(text_of(subscriber->wait()) == "before");
+  CHECK(publish(*publisher, "after") && text_of(subscriber->wait()) == "after");
+  for (int n = 0; n < 8; ++n) publish(*publisher, "more");
+  CHECK(std::string(static_cast<const char*>(lease->data()), lease->size()) == "held");
+}
+
 void a_guarded_subscriber_throws_when_the_file_is_cut_off() {
   Publisher publisher(topic);
   Subscriber trusting(topic, conduit::Guard::never);
@@ -716,6 +751,7 @@ const std::map<std::string, void (*)()> cases = {
     CASE(leases_can_be_moved_and_outlive_their_subscriber),
     CASE(a_loan_is_published_by_commit_and_not_otherwise),
     CASE(a_loan_that_outlives_its_publisher_throws),
+    CASE(a_child_leaves_the_topics_of_its_parent_alone),
     CASE(a_guarded_subscriber_throws_when_the_file_is_cut_off),
     CASE(a_camera_frame_is_laid_out_as_the_wire_format_says),
     CASE(running_a_running_node_throws),

@@ -1,0 +1,35 @@
+//! The process that opened something. A child after `fork` shares its parent's mappings, locks and reader slots, and owns
+//! none of them.
+
+use std::sync::Once;
+use std::sync::atomic::AtomicU64;
+
+use crate::segment;
+use crate::sync::Ordering::Relaxed;
+
+/// How many forks lie between this process and the first one that opened something.
+static FORKS: AtomicU64 = AtomicU64::new(0);
+
+/// Who opened something. Asking costs one load.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Owner(u64);
+
+impl Owner {
+    /// This process.
+    pub(crate) fn here() -> Owner {
+        static WATCH: Once = Once::new();
+        WATCH.call_once(|| segment::call_in_children(count_fork));
+        Owner(FORKS.load(Relaxed))
+    }
+
+    /// Whether it is this process still, and not a child of it.
+    #[inline]
+    pub(crate) fn is_here(self) -> bool {
+        self.0 == FORKS.load(Relaxed)
+    }
+}
+
+/// Runs in the child alone, which has one thread then.
+extern "C" fn count_fork() {
+    FORKS.fetch_add(1, Relaxed);
+}
