@@ -80,10 +80,8 @@ defmodule DocumentationTest do
   end
 
   test "the examples of the guide to parameters run one after the other" do
-    File.rm(Path.join(System.tmp_dir!(), "my_robot_params"))
     Process.flag(:trap_exit, true)
     binding = run("docs/guides/parameters.md")
-    File.rm(Path.join(System.tmp_dir!(), "my_robot_params"))
     Supervisor.stop(binding[:buses])
   end
 

@@ -10,8 +10,6 @@ defmodule FirstLightTest do
   alias BB.Message.Sensor.{Imu, Status}
   alias BB.Message.Vision.TagDetections
 
-  @moduletag timeout: 120_000
-
   @imu [:sensor, :base_link, :imu]
   @tags [:sensor, :camera, :tags]
   @address 0x68
@@ -70,7 +68,7 @@ defmodule FirstLightTest do
 
   defp next_tags,
     do:
-      assert_receive({:bb, @tags, %BB.Message{payload: %TagDetections{} = found}}, 20_000) &&
+      assert_receive({:bb, @tags, %BB.Message{payload: %TagDetections{} = found}}) &&
         found
 
   describe "the photographs" do
@@ -83,7 +81,7 @@ defmodule FirstLightTest do
 
       found =
         for _ <- 1..4, into: %{} do
-          assert_receive {:bb, @tags, %BB.Message{payload: %TagDetections{} = found}}, 20_000
+          assert_receive {:bb, @tags, %BB.Message{payload: %TagDetections{} = found}}
           # The camera shows the two photographs in the order of their names.
           {rem(found.camera_frame_id, 2), found.detections}
         end
@@ -125,18 +123,18 @@ defmodule FirstLightTest do
   end
 
   test "the rendered scene's tags arrive with the turning speed of the IMU at the time of the capture" do
+    before_ns = System.monotonic_time(:nanosecond)
     %{robot: robot} = start_robot!(camera_args: ["--rate", "20"])
     {:ok, _} = BB.subscribe(robot, @tags)
 
     found =
       eventually(fn ->
-        assert_receive {:bb, @tags, %BB.Message{payload: %TagDetections{} = found}}, 20_000
+        assert_receive {:bb, @tags, %BB.Message{payload: %TagDetections{} = found}}
         found.angular_speed && length(found.detections) >= 3 && found
       end)
 
     assert {found.image_width, found.image_height} == {640, 480}
-    age_s = (System.monotonic_time(:nanosecond) - found.capture_time) / 1.0e9
-    assert age_s > 0 and age_s < 10
+    assert found.capture_time in before_ns..System.monotonic_time(:nanosecond)
   end
 
   test "kill -9 of the vision process: it is back, and no other sensor notices" do
@@ -152,10 +150,9 @@ defmodule FirstLightTest do
 
     [vision] = processes("vision_tags", tags)
     kill_9(vision)
-    assert_receive {:bb, [:sensor_status, :tags], %{payload: %Status{state: :backoff}}}, 5000
+    assert_receive {:bb, [:sensor_status, :tags], %{payload: %Status{state: :backoff}}}
 
-    assert_receive {:bb, [:sensor_status, :tags], %{payload: %Status{state: :up, restarts: 1}}},
-                   5000
+    assert_receive {:bb, [:sensor_status, :tags], %{payload: %Status{state: :up, restarts: 1}}}
 
     # The new one goes on in place, and what it finds arrives.
     {:ok, %{published: taken_over}} = eventually(fn -> in_epoch(tags, 1) end)
@@ -198,14 +195,14 @@ defmodule FirstLightTest do
     flush_status()
 
     :ok = Sim.unplug(bus, @address)
-    assert_receive {:bb, _, %{payload: %Status{state: :backoff}}}, 5000
+    assert_receive {:bb, _, %{payload: %Status{state: :backoff}}}
     for _ <- 1..20, do: next_tags()
     refute_received {:bb, _, %{payload: %Status{state: :up}}}
 
     :ok = Sim.replug(bus, @address)
-    assert_receive {:bb, _, %{payload: %Status{state: :up}}}, 5000
+    assert_receive {:bb, _, %{payload: %Status{state: :up}}}
     {:ok, _} = BB.subscribe(robot, @imu)
-    assert_receive {:bb, @imu, %{payload: %Imu{}}}, 5000
+    assert_receive {:bb, @imu, %{payload: %Imu{}}}
     next_tags()
     assert health(robot, :tags).restarts == 0
   end
@@ -216,21 +213,21 @@ defmodule FirstLightTest do
     eventually(fn -> health(robot, :imu).state == :backoff end)
     eventually(fn -> health(robot, :camera).state == :up end)
     :ok = Sim.plug(bus, @address, {Sim.Mpu6050, source: :motion})
-    assert_receive {:bb, @imu, %{payload: %Imu{}}}, 10_000
+    assert_receive {:bb, @imu, %{payload: %Imu{}}}
   end
 
   describe "kill -9 of the BEAM" do
     test "leaves no native process, and the next one takes the rings over" do
       topics = [frames, _own] = [topic("camera"), topic("own")]
       beam = start_beam(topics)
-      natives = eventually(fn -> native_processes(frames) end, 30_000)
-      before = eventually(fn -> published(topics) end, 30_000)
+      natives = eventually(fn -> native_processes(frames) end)
+      before = eventually(fn -> published(topics) end)
       kill_9(beam.os_pid)
       eventually(fn -> not Enum.any?(natives, &running?/1) end)
 
       next = start_beam(topics)
-      eventually(fn -> native_processes(frames) end, 30_000)
-      [_, own] = eventually(fn -> published(topics, Enum.map(before, & &1.published)) end, 30_000)
+      eventually(fn -> native_processes(frames) end)
+      [_, own] = eventually(fn -> published(topics, Enum.map(before, & &1.published)) end)
       assert own.epoch == 1
       kill_9(next.os_pid)
       eventually(fn -> native_processes(frames) == nil end)

@@ -4,31 +4,32 @@ defmodule ReleaseTest do
   asked and stopped by its own commands. `bin/test release` runs this, `mix test` leaves it out, for it builds all in `prod`.
   """
 
-  # The topics of the robot that ships are the machine's own.
   use ExUnit.Case, async: false
 
   import BB.Test.Eventually
 
-  alias BB.Test.Native
+  alias BB.Test.{Native, Run}
 
   @moduletag :release
   @moduletag timeout: 900_000
 
-  @folder Path.expand("_build/release_test")
-  @start_ms 60_000
-  @stop_ms 30_000
-
+  # The robot that ships has fixed topics: those of this run lie in a folder of their own, beside those of other robots.
   setup_all do
+    folder = Path.join(System.tmp_dir!(), Run.unique("release"))
+    topics = Path.join("/dev/shm", Run.unique("release"))
+    File.mkdir!(topics)
+    on_exit(fn -> Enum.each([folder, topics], &File.rm_rf!/1) end)
     # What Mix exports to its children is of `test`.
     build = [env: [{"MIX_ENV", "prod"}, {"MIX_BUILD_PATH", nil}], stderr_to_stdout: true]
-    assert {_, 0} = System.cmd("mix", ["release", "--quiet", "--path", @folder], build)
-    :ok
+    assert {_, 0} = System.cmd("mix", ["release", "--quiet", "--path", folder], build)
+    %{folder: folder, topics: topics}
   end
 
-  setup do
-    node = "ganglion_test_#{System.pid()}_#{System.unique_integer([:positive])}"
+  setup %{folder: folder, topics: topics} do
+    name = String.replace(Run.unique("ganglion"), ".", "_")
+    node = %{name: name, folder: folder, topics: topics}
     assert {_, 0} = command(node, ["daemon"])
-    os_pid = eventually(fn -> pid(node) end, @start_ms)
+    os_pid = eventually(fn -> pid(node) end)
     on_exit(fn -> Native.end_by_force(os_pid) end)
     eventually(fn -> rpc(node, "IO.write(Process.whereis(Ganglion.Robot) != nil)") == "true" end)
     %{node: node, os_pid: os_pid}
@@ -52,7 +53,7 @@ defmodule ReleaseTest do
   test "remote is a console on the running robot", %{node: node} do
     # A shell between, because a port cannot end the input of what it has started.
     input = "IO.puts([\"the robot is \", to_string(BB.Safety.state(Ganglion.Robot))])\\n"
-    shell = "printf '#{input}' | #{Path.join(@folder, "bin/ganglion")} remote"
+    shell = "printf '#{input}' | #{Path.join(node.folder, "bin/ganglion")} remote"
     {text, 0} = System.cmd("sh", ["-c", shell], options(node))
     assert text =~ "the robot is disarmed"
     assert pid(node)
@@ -61,7 +62,7 @@ defmodule ReleaseTest do
   test "stop ends the robot and leaves no process behind", %{node: node, os_pid: os_pid} do
     programs = eventually(fn -> native_programs(os_pid) end)
     assert {_, 0} = command(node, ["stop"])
-    for pid <- [os_pid | programs], do: eventually(fn -> not Native.running?(pid) end, @stop_ms)
+    for pid <- [os_pid | programs], do: eventually(fn -> not Native.running?(pid) end)
   end
 
   # What is published there next: the name of its payload, told by the release itself.
@@ -96,12 +97,13 @@ defmodule ReleaseTest do
   end
 
   defp command(node, args),
-    do: System.cmd(Path.join(@folder, "bin/ganglion"), args, options(node))
+    do: System.cmd(Path.join(node.folder, "bin/ganglion"), args, options(node))
 
   defp options(node) do
     env = [
-      {"RELEASE_NODE", node},
-      {"RELEASE_TMP", Path.join([@folder, "tmp", node])},
+      {"RELEASE_NODE", node.name},
+      {"RELEASE_TMP", Path.join([node.folder, "tmp", node.name])},
+      {"CONDUIT_RING_DIR", node.topics},
       {"LC_ALL", "C.UTF-8"}
     ]
 

@@ -1,4 +1,12 @@
 BB.Test.Probe.setup()
 BB.Test.Brake.setup()
 BB.Test.FlakyStore.setup()
-ExUnit.start(capture_log: true, assert_receive_timeout: 2_000, exclude: [:release])
+BB.Test.Run.begin()
+
+# What a test waits for comes at once, unless the machine is busy with something else: then it may take its time.
+ExUnit.start(
+  capture_log: true,
+  assert_receive_timeout: 60_000,
+  timeout: 600_000,
+  exclude: [:release]
+)

@@ -30,7 +30,7 @@ defmodule Ganglion.Console do
   alias Ganglion.Console.Table
 
   @estop [:console, :estop]
-  @shared "/dev/shm/conduit_"
+  @segment "conduit_"
   @watch_seconds 10
   @watch_rate_hz 5
   @i2c_timeout_ms 20
@@ -77,8 +77,8 @@ defmodule Ganglion.Console do
   @spec ring() :: printed()
   def ring do
     table(~w(topic state messages slots bytes readers lost), fn ->
-      for file <- Enum.sort(Path.wildcard(@shared <> "*")),
-          topic = String.replace_prefix(file, @shared, ""),
+      for file <- Enum.sort(Path.wildcard(Path.join(ring_directory(), @segment <> "*"))),
+          topic = file |> Path.basename() |> String.replace_prefix(@segment, ""),
           do: ring_row(topic, Ring.info(topic))
     end)
   end
@@ -189,6 +189,14 @@ defmodule Ganglion.Console do
 
   defp path(path), do: Enum.map_join(path, "/", &to_string/1)
   defp short(module), do: module |> inspect() |> String.replace_prefix("BB.Message.", "")
+
+  # As the ring itself finds it.
+  defp ring_directory do
+    case System.get_env("CONDUIT_RING_DIR") do
+      unset when unset in [nil, ""] -> "/dev/shm"
+      directory -> directory
+    end
+  end
 
   defp ring_row(topic, {:ok, info}) do
     lost =

@@ -13,4 +13,4 @@ cargo build --quiet --locked --package camera --manifest-path native/Cargo.toml 
 cargo build --quiet --locked --package peer --manifest-path native/conduit_ring_py/Cargo.toml --target-dir "$BUILD/cargo"
 export CONDUIT_RING_PEER="$BUILD/cargo/debug/peer" CONDUIT_RING_CAMERA="$PWD/_build/cargo/debug/camera"
 cd native/conduit_ring_py
-PYTHONDONTWRITEBYTECODE=1 exec timeout --foreground 600 "$BUILD/venv/bin/python" -m pytest "$@"
+PYTHONDONTWRITEBYTECODE=1 exec timeout --foreground 3600 "$BUILD/venv/bin/python" -m pytest "$@"

@@ -102,10 +102,9 @@ defmodule BB.ActuatorTest do
       status = [:"#{kind}_status" | path]
 
       assert_receive {:bb, ^status,
-                      %{frame_id: ^name, payload: %Status{state: :backoff, reason: ^reason}}},
-                     5_000
+                      %{frame_id: ^name, payload: %Status{state: :backoff, reason: ^reason}}}
 
-      assert_receive {:bb, ^status, %{payload: %Status{state: :up, restarts: 1}}}, 5_000
+      assert_receive {:bb, ^status, %{payload: %Status{state: :up, restarts: 1}}}
     end
 
     assert BB.Process.whereis(robot, :encoder) == encoder

@@ -38,7 +38,7 @@ defmodule BB.ClockTest do
     timer = Clock.send_at(:real, Clock.now_ns(:real) + 3_600_000_000_000, self(), :later)
     assert Clock.cancel(:real, timer)
     Clock.send_at(:real, Clock.now_ns(:real), self(), :now)
-    assert_receive :now, 5_000
+    assert_receive :now
     refute_received :later
   end
 
@@ -50,7 +50,7 @@ defmodule BB.ClockTest do
       late = Clock.send_at(clock, Clock.now_ns(clock) + 3_600_000_000_000, self(), :late)
       assert Clock.recall(clock, late, :late) == :ok
       come = Clock.send_at(:real, Clock.now_ns(:real), self(), :come)
-      assert_receive :come, 5_000
+      assert_receive :come
       send(self(), :come)
       assert Clock.recall(:real, come, :come) == :ok
       refute_received _

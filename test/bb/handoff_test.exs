@@ -63,7 +63,7 @@ defmodule BB.HandoffTest do
 
       for n <- 1..5 do
         x = n / 1
-        assert_receive {:bb_ring, ^ref, %Message{data: data, lost: 0}}, 2000
+        assert_receive {:bb_ring, ^ref, %Message{data: data, lost: 0}}
         assert {:ok, %{payload: %Imu{angular_velocity: %{x: ^x}}}} = Encoding.Imu.decode(data)
       end
 
@@ -125,7 +125,7 @@ defmodule BB.HandoffTest do
       robot = start_up!(outlet_robot(topic), :outlet)
       {:ok, %{ref: ref}} = Subscriber.open(topic, active: true)
       BB.publish(robot, @path, imu(1.0))
-      assert_receive {:bb_ring, ^ref, %Message{sequence: 0}}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{sequence: 0}}
       robot |> BB.Process.whereis(:outlet) |> Process.exit(:kill)
 
       eventually(fn ->
@@ -133,7 +133,7 @@ defmodule BB.HandoffTest do
       end)
 
       BB.publish(robot, @path, imu(2.0))
-      assert_receive {:bb_ring, ^ref, %Message{sequence: 1, lost: 0}}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{sequence: 1, lost: 0}}
     end
 
     test "that stops ends its topic" do
@@ -153,8 +153,7 @@ defmodule BB.HandoffTest do
       publish_vectors(topic, 1)
 
       assert_receive {:bb, [:sensor, :inlet],
-                      %{payload: %TagDetections{detections: [_, _]}, robot: ^robot}},
-                     2000
+                      %{payload: %TagDetections{detections: [_, _]}, robot: ^robot}}
     end
 
     test "or onto the path that it is given" do
@@ -162,7 +161,7 @@ defmodule BB.HandoffTest do
       robot = start_up!(inlet_robot(topic, to: [:sensor, :camera, :tags]), :inlet)
       {:ok, _} = BB.subscribe(robot, [:sensor, :camera])
       publish_vectors(topic, 1)
-      assert_receive {:bb, [:sensor, :camera, :tags], %{payload: %TagDetections{}}}, 2000
+      assert_receive {:bb, [:sensor, :camera, :tags], %{payload: %TagDetections{}}}
     end
 
     test "gives its credits back: what is far more than its credits arrives whole" do
@@ -170,7 +169,7 @@ defmodule BB.HandoffTest do
       robot = start_up!(inlet_robot(topic, credits: 3), :inlet)
       {:ok, _} = BB.subscribe(robot, [:sensor])
       publish_vectors(topic, 100)
-      for _ <- 1..100, do: assert_receive({:bb, _, %{payload: %TagDetections{}}}, 2000)
+      for _ <- 1..100, do: assert_receive({:bb, _, %{payload: %TagDetections{}}})
       assert {:ok, %{published: 100, lost: 0, malformed: 0}} = BB.Handoff.stats(robot, :inlet)
     end
 
@@ -184,7 +183,7 @@ defmodule BB.HandoffTest do
           {:ok, publisher} = open_read(topic)
           for _ <- 1..3, do: :ok = Publisher.publish(publisher, "nonsense")
           :ok = Publisher.publish(publisher, Vectors.read!("tags"))
-          assert_receive {:bb, _, %{payload: %TagDetections{}}}, 2000
+          assert_receive {:bb, _, %{payload: %TagDetections{}}}
           assert {:ok, %{published: 1, malformed: 3}} = BB.Handoff.stats(robot, :inlet)
         end)
 

@@ -51,8 +51,7 @@ defmodule BB.ParameterTest do
                         robot: ^unquote(robot),
                         frame_id: :parameter,
                         payload: %Changed{path: unquote(path)} = unquote(changed)
-                      }},
-                     5_000
+                      }}
     end
   end
 
@@ -187,10 +186,10 @@ defmodule BB.ParameterTest do
           read(robot, test)
         end)
 
-      assert_receive :ready, 5_000
+      assert_receive :ready
       for n <- 1..200, do: :ok = Parameter.set(robot, [:imu, :filter, :gain], n / 200)
       send(reader, :done)
-      assert_receive {:stale, []}, 5_000
+      assert_receive {:stale, []}
     end
 
     # Values only grow, so one that is read below the one announced is an old one.
@@ -442,7 +441,7 @@ defmodule BB.ParameterTest do
       :ok = Parameter.set(robot, [:debug], true)
       {:ok, ref, _} = Parameter.watch(robot, [[:debug]])
       Process.exit(Process.whereis(Module.concat(robot, Parameters)), :kill)
-      assert_receive {:DOWN, ^ref, :process, _, :killed}, 5_000
+      assert_receive {:DOWN, ^ref, :process, _, :killed}
       assert eventually(fn -> persisted?(robot) end)
     end
 

@@ -251,7 +251,7 @@ defmodule BB.PubSubTest do
           end)
         end
 
-      Task.await_many(publishers)
+      Task.await_many(publishers, :infinity)
 
       received =
         for _ <- 1..800, do: assert_received({:bb, _, message}) && message.payload.restarts
@@ -335,17 +335,16 @@ defmodule BB.PubSubTest do
 
     :erlang.trace(publisher, true, [:call])
     send(publisher, :go)
-    assert_receive :published, 5_000
+    assert_receive :published
     ref = :erlang.trace_delivered(publisher)
-    assert_receive {:trace_delivered, ^publisher, ^ref}, 5_000
+    assert_receive {:trace_delivered, ^publisher, ^ref}
     refute_received {:trace, _, :call, _}
     assert_received {:bb, [:sensor, :a], _}
 
     # Such an event would have been seen.
     send(publisher, :emit)
 
-    assert_receive {:trace, ^publisher, :call, {BB.Telemetry, :emit, [[:bb, :test, :seen] | _]}},
-                   5_000
+    assert_receive {:trace, ^publisher, :call, {BB.Telemetry, :emit, [[:bb, :test, :seen] | _]}}
   end
 
   test "two robots do not hear each other", %{robot: robot} do

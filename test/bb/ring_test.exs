@@ -5,9 +5,7 @@ defmodule BB.RingTest do
   alias BB.Ring.{Message, Publisher, Subscriber}
 
   setup context do
-    topic = "test.#{System.pid()}.#{System.unique_integer([:positive])}"
-    on_exit(fn -> File.rm("/dev/shm/conduit_#{topic}") end)
-    Map.put(context, :topic, topic)
+    Map.put(context, :topic, BB.Test.Native.topic())
   end
 
   defp open!(topic, opts \\ []) do
@@ -57,14 +55,14 @@ defmodule BB.RingTest do
       %{ref: ref} = attached!(topic, active: true)
       iodata = [?a, "b", [[], [<<99>>, ~c"de"]] | "f"]
       :ok = Publisher.publish(publisher, iodata)
-      assert_receive {:bb_ring, ^ref, %Message{data: "abcdef"}}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{data: "abcdef"}}
     end
 
     test "an empty message is a message", %{topic: topic} do
       publisher = open!(topic)
       %{ref: ref} = attached!(topic, active: true)
       :ok = Publisher.publish(publisher, "")
-      assert_receive {:bb_ring, ^ref, %Message{data: "", sequence: 0}}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{data: "", sequence: 0}}
     end
 
     test "a message of two megabytes arrives whole", %{topic: topic} do
@@ -90,7 +88,7 @@ defmodule BB.RingTest do
                Publisher.publish(publisher, String.duplicate("x", size + 1))
 
       assert :ok = Publisher.publish(publisher, String.duplicate("y", size))
-      assert_receive {:bb_ring, ^ref, %Message{sequence: 0, data: "y" <> _}}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{sequence: 0, data: "y" <> _}}
       assert {:ok, %{published: 1, rejected_oversize: 1}} = Publisher.info(publisher)
     end
 
@@ -104,12 +102,11 @@ defmodule BB.RingTest do
           for n <- 1..250, do: :ok = Publisher.publish(publisher, "#{who}:#{n}")
         end)
       end)
-      |> Task.await_many()
+      |> Task.await_many(:infinity)
 
       received =
         for sequence <- 0..999 do
-          assert_receive {:bb_ring, ^ref, %Message{sequence: ^sequence, data: data, lost: 0}},
-                         2000
+          assert_receive {:bb_ring, ^ref, %Message{sequence: ^sequence, data: data, lost: 0}}
 
           data
         end
@@ -153,14 +150,14 @@ defmodule BB.RingTest do
 
       assert_receive {:publisher, old}
       %{ref: ref} = attached!(topic, active: true, start: {:history, 5})
-      for n <- 0..4, do: assert_receive({:bb_ring, ^ref, %Message{sequence: ^n}}, 2000)
+      for n <- 0..4, do: assert_receive({:bb_ring, ^ref, %Message{sequence: ^n}})
 
       Process.exit(owner, :kill)
       assert_receive {:DOWN, ^monitor, _, _, :killed}
       new = reopen(topic)
       assert {:error, :closed} = Publisher.publish(old, "from the grave")
       :ok = Publisher.publish(new, "new")
-      assert_receive {:bb_ring, ^ref, %Message{sequence: 5, data: "new", lost: 0}}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{sequence: 5, data: "new", lost: 0}}
       assert {:ok, %{epoch: 1, published: 6}} = Ring.info(topic)
     end
 
@@ -177,14 +174,14 @@ defmodule BB.RingTest do
 
       assert_receive :open
       %{ref: ref} = attached!(topic, active: true, start: {:history, 4})
-      assert_receive {:bb_ring, ^ref, %Message{data: "old"}}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{data: "old"}}
       Process.exit(owner, :kill)
       assert_receive {:DOWN, ^monitor, _, _, :killed}
 
       new = reopen(topic, slot_count: 8, slot_size: 256)
       await_readers(topic, 1)
       :ok = Publisher.publish(new, "new")
-      assert_receive {:bb_ring, ^ref, %Message{data: "new"}}, 5000
+      assert_receive {:bb_ring, ^ref, %Message{data: "new"}}
     end
 
     # The monitor of the resource fires at about the same time as this process's own.
@@ -251,19 +248,19 @@ defmodule BB.RingTest do
       publisher = open!(topic)
       await_readers(topic, 1)
       :ok = Publisher.publish(publisher, "first")
-      assert_receive {:bb_ring, ^ref, %Message{data: "first"}}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{data: "first"}}
     end
 
     test "is told when the publisher closes and when another one comes", %{topic: topic} do
       publisher = open!(topic)
       %{ref: ref} = attached!(topic, active: true)
       :ok = Publisher.close(publisher)
-      assert_receive {:bb_ring, ^ref, :publisher_down}, 5000
+      assert_receive {:bb_ring, ^ref, :publisher_down}
       publisher = open!(topic)
-      assert_receive {:bb_ring, ^ref, :publisher_up}, 5000
+      assert_receive {:bb_ring, ^ref, :publisher_up}
       await_readers(topic, 1)
       :ok = Publisher.publish(publisher, "again")
-      assert_receive {:bb_ring, ^ref, %Message{data: "again"}}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{data: "again"}}
     end
 
     test "can start with what the ring still has", %{topic: topic} do
@@ -306,7 +303,7 @@ defmodule BB.RingTest do
       _publisher = open!(topic)
       test = self()
       owner = spawn(fn -> send(test, {:open, attached!(topic)}) && Process.sleep(:infinity) end)
-      assert_receive {:open, _}, 2000
+      assert_receive {:open, _}
       Process.exit(owner, :kill)
       await_readers(topic, 0)
     end
@@ -316,16 +313,16 @@ defmodule BB.RingTest do
       %{ref: ref} = attached!(topic, active: true)
       :erlang.garbage_collect()
       :ok = Publisher.publish(publisher, "still here")
-      assert_receive {:bb_ring, ^ref, %Message{data: "still here"}}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{data: "still here"}}
     end
 
     test "that is guarded survives that its file is cut off, and says so", %{topic: topic} do
       publisher = open!(topic)
       %{ref: ref} = subscribe!(topic, active: true, guard: :always)
       :ok = Publisher.publish(publisher, "whole")
-      assert_receive {:bb_ring, ^ref, %Message{data: "whole"}}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{data: "whole"}}
       {_, 0} = System.cmd("truncate", ["--size=0", "/dev/shm/conduit_#{topic}"])
-      assert_receive {:bb_ring, ^ref, :publisher_down}, 5000
+      assert_receive {:bb_ring, ^ref, :publisher_down}
 
       # The publisher, which maps the file, is left alone from here on: it goes with this process and touches nothing.
     end
@@ -350,9 +347,9 @@ defmodule BB.RingTest do
     } do
       %{ref: ref} = subscriber = attached!(topic, active: 2)
       for n <- 0..4, do: :ok = Publisher.publish(publisher, "#{n}")
-      assert_receive {:bb_ring, ^ref, %Message{data: "0"}}, 2000
-      assert_receive {:bb_ring, ^ref, %Message{data: "1"}}, 2000
-      assert_receive {:bb_ring_passive, ^ref}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{data: "0"}}
+      assert_receive {:bb_ring, ^ref, %Message{data: "1"}}
+      assert_receive {:bb_ring_passive, ^ref}
       assert {:ok, %Message{data: "2", lost: 0}} = Subscriber.recv(subscriber, 1000)
       refute_received {:bb_ring, ^ref, _}
     end
@@ -364,19 +361,19 @@ defmodule BB.RingTest do
       %{ref: ref} = subscriber = attached!(topic, active: 1)
       :ok = Subscriber.active(subscriber, 2)
       for n <- 0..2, do: :ok = Publisher.publish(publisher, "#{n}")
-      for n <- 0..2, do: assert_receive({:bb_ring, ^ref, %Message{sequence: ^n}}, 2000)
-      assert_receive {:bb_ring_passive, ^ref}, 2000
+      for n <- 0..2, do: assert_receive({:bb_ring, ^ref, %Message{sequence: ^n}})
+      assert_receive {:bb_ring_passive, ^ref}
       :ok = Subscriber.active(subscriber, 3)
       :ok = Subscriber.active(subscriber, -3)
-      assert_receive {:bb_ring_passive, ^ref}, 2000
+      assert_receive {:bb_ring_passive, ^ref}
     end
 
     test ":once is one message", %{topic: topic, publisher: publisher} do
       %{ref: ref} = subscriber = attached!(topic, active: :once)
       for n <- 0..1, do: :ok = Publisher.publish(publisher, "#{n}")
-      assert_receive {:bb_ring, ^ref, %Message{data: "0"}}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{data: "0"}}
       :ok = Subscriber.active(subscriber, :once)
-      assert_receive {:bb_ring, ^ref, %Message{data: "1"}}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{data: "1"}}
       refute_received {:bb_ring_passive, ^ref}
     end
 
@@ -388,7 +385,7 @@ defmodule BB.RingTest do
 
       for n <- 0..4999 do
         :ok = Publisher.publish(publisher, "#{n}")
-        assert_receive {:bb_ring, ^ref, %Message{sequence: ^n}}, 5000
+        assert_receive {:bb_ring, ^ref, %Message{sequence: ^n}}
         :ok = Subscriber.active(subscriber, :once)
       end
     end
@@ -402,7 +399,7 @@ defmodule BB.RingTest do
       for n <- 0..499 do
         :ok = Subscriber.active(subscriber, :once)
         for m <- [2 * n, 2 * n + 1], do: :ok = Publisher.publish(publisher, "#{m}")
-        assert_receive {:bb_ring, ^ref, %Message{}}, 5000
+        assert_receive {:bb_ring, ^ref, %Message{}}
         assert {:ok, %Message{}} = Subscriber.recv(subscriber, 5000)
       end
     end
@@ -413,12 +410,12 @@ defmodule BB.RingTest do
     } do
       %{ref: ref} = subscriber = attached!(topic, active: 1)
       :ok = Publisher.publish(publisher, "0")
-      assert_receive {:bb_ring, ^ref, %Message{data: "0"}}, 2000
-      assert_receive {:bb_ring_passive, ^ref}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{data: "0"}}
+      assert_receive {:bb_ring_passive, ^ref}
       for n <- 1..99, do: :ok = Publisher.publish(publisher, "#{n}")
       :ok = Subscriber.active(subscriber, true)
-      assert_receive {:bb_ring, ^ref, %Message{sequence: 36, lost: 35}}, 2000
-      for n <- 37..99, do: assert_receive({:bb_ring, ^ref, %Message{sequence: ^n, lost: 0}}, 2000)
+      assert_receive {:bb_ring, ^ref, %Message{sequence: 36, lost: 35}}
+      for n <- 37..99, do: assert_receive({:bb_ring, ^ref, %Message{sequence: ^n, lost: 0}})
     end
 
     test "recv is for passive subscribers only", %{topic: topic} do
@@ -444,7 +441,7 @@ defmodule BB.RingTest do
       subscriber = attached!(topic)
       tasks = for _ <- 1..8, do: Task.async(fn -> Subscriber.recv(subscriber, 5000) end)
       for n <- 0..7, do: :ok = Publisher.publish(publisher, "#{n}")
-      sequences = for {:ok, message} <- Task.await_many(tasks), do: message.sequence
+      sequences = for {:ok, message} <- Task.await_many(tasks, :infinity), do: message.sequence
       assert Enum.sort(sequences) == Enum.to_list(0..7)
     end
 
@@ -529,15 +526,15 @@ defmodule BB.RingTest do
       1 = :erlang.trace(reader, true, [:call])
       published!(publisher, 5)
       send(reader, :go)
-      assert_receive {:ok, 5}, 2000
+      assert_receive {:ok, 5}
       delivered = :erlang.trace_delivered(reader)
       assert_receive {:trace_delivered, ^reader, ^delivered}
       refute_received {:trace, ^reader, :call, _}
 
       published!(publisher, 6)
       send(reader, :go)
-      assert_receive {:trace, ^reader, :call, {BB.Ring.Native, :lease_detach, _}}, 2000
-      assert_receive {:ok, data}, 2000
+      assert_receive {:trace, ^reader, :call, {BB.Ring.Native, :lease_detach, _}}
+      assert_receive {:ok, data}
       assert data == frame(6)
     end
 
@@ -583,7 +580,7 @@ defmodule BB.RingTest do
           end)
         end)
 
-      assert_receive {:frame, data}, 2000
+      assert_receive {:frame, data}
       assert held(topic) == 1
       Process.exit(reader, :kill)
       assert_receive {:DOWN, ^monitor, _, _, :killed}
@@ -667,7 +664,7 @@ defmodule BB.RingTest do
       end)
       |> then(fn tasks ->
         for n <- 0..255, do: Publisher.publish(publisher, frame(n))
-        Task.await_many(tasks, 20_000)
+        Task.await_many(tasks, :infinity)
       end)
 
       assert held(topic) == 0
@@ -714,7 +711,7 @@ defmodule BB.RingTest do
       %{ref: ref} = attached!(topic, active: true)
       assert_raise ArgumentError, fn -> Publisher.publish(publisher, [:atom]) end
       :ok = Publisher.publish(publisher, "fine")
-      assert_receive {:bb_ring, ^ref, %Message{sequence: 0, data: "fine"}}, 2000
+      assert_receive {:bb_ring, ^ref, %Message{sequence: 0, data: "fine"}}
     end
 
     test "a file that is no ring is refused by name", %{topic: topic} do

@@ -92,7 +92,7 @@ defmodule BB.SafetyTest do
       {disarming, go_on} = hold_disarming(robot)
       assert Safety.arm(robot) == {:error, :disarming}
       go_on.()
-      assert Task.await(disarming) == :ok
+      assert Task.await(disarming, :infinity) == :ok
       assert Safety.arm(robot) == :ok
     end
 
@@ -131,7 +131,7 @@ defmodule BB.SafetyTest do
       refute Safety.armed?(robot)
       assert Safety.disarm(robot) == {:error, :already_disarming}
       go_on.()
-      assert Task.await(disarming) == :ok
+      assert Task.await(disarming, :infinity) == :ok
       assert Brake.runs(robot, @a) == 1
     end
 
@@ -203,11 +203,11 @@ defmodule BB.SafetyTest do
       Brake.script(robot, @b, disarm: hang)
       :ok = Safety.arm(robot)
       disarming = Task.async(fn -> Safety.disarm(robot, timeout: 50) end)
-      assert_receive {:hanging, hanging}, 5_000
+      assert_receive {:hanging, hanging}
       ref = Process.monitor(hanging)
-      assert {:error, {:disarm_failed, failures}} = Task.await(disarming)
+      assert {:error, {:disarm_failed, failures}} = Task.await(disarming, :infinity)
       assert {@b, {:timeout, 50}} in failures
-      assert_receive {:DOWN, ^ref, _, _, _}, 5_000
+      assert_receive {:DOWN, ^ref, _, _, _}
     end
 
     test "given for each of several" do
@@ -315,7 +315,7 @@ defmodule BB.SafetyTest do
       {disarming, go_on} = hold_disarming(robot)
       :ok = Brake.register(robot, @b)
       go_on.()
-      :ok = Task.await(disarming)
+      :ok = Task.await(disarming, :infinity)
       assert runs(robot) == {1, 0}
       :ok = Safety.arm(robot)
       Brake.script(robot, @a, disarm: fn _ -> :ok end)
@@ -331,7 +331,7 @@ defmodule BB.SafetyTest do
       tell = fn what -> fn opts -> send(test, {what, opts}) && {:ok, nil} end end
       Brake.script(robot, @a, init: tell.(:init), disarm: &(tell.(:disarm).(&1) && :ok))
       start_supervised!(robot)
-      assert_receive {:init, opts}, 5_000
+      assert_receive {:init, opts}
       :ok = Safety.arm(robot)
       :ok = Safety.disarm(robot)
       assert_received {:disarm, ^opts}
@@ -345,7 +345,7 @@ defmodule BB.SafetyTest do
       hang = fn _opts -> send(test, :in_init) && Process.sleep(:infinity) end
       Brake.script(robot, @a, init: hang)
       start_supervised!(robot)
-      assert_receive :in_init, 5_000
+      assert_receive :in_init
       :ok = Safety.arm(robot)
       :ok = Safety.disarm(robot)
       assert Brake.runs(robot, @a) == 1
@@ -674,7 +674,7 @@ defmodule BB.SafetyTest do
           Process.sleep(:infinity)
         end)
 
-      assert_receive {:vouched, ^watcher}, 5_000
+      assert_receive {:vouched, ^watcher}
       watcher
     end
   end
@@ -727,7 +727,7 @@ defmodule BB.SafetyTest do
             for k <- 1..50, do: if(rem(n + k, 2) == 0, do: Safety.arm(robot), else: disarm(robot))
           end)
         end)
-        |> Enum.flat_map(&Task.await(&1, 60_000))
+        |> Enum.flat_map(&Task.await(&1, :infinity))
 
       armed = Enum.count(answers, &(&1 == :ok))
       disarmed = Enum.count(answers, &(&1 == :disarmed))
@@ -896,7 +896,7 @@ defmodule BB.SafetyTest do
 
     :ok = Safety.arm(robot)
     disarming = Task.async(fn -> Safety.disarm(robot, timeout: 60_000) end)
-    assert_receive {:held, held}, 5_000
+    assert_receive {:held, held}
     {disarming, fn -> send(held, :go_on) end}
   end
 
@@ -915,6 +915,6 @@ defmodule BB.SafetyTest do
   defp kill(pid) do
     ref = Process.monitor(pid)
     Process.exit(pid, :kill)
-    assert_receive {:DOWN, ^ref, _, _, _}, 5_000
+    assert_receive {:DOWN, ^ref, _, _, _}
   end
 end

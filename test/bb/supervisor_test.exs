@@ -305,7 +305,7 @@ defmodule BB.SupervisorTest do
       assert eventually(fn -> alarm(robot, [:base, :imu]) end)
       refs = monitor_all(robot)
       Process.exit(root, :kill)
-      for ref <- refs, do: assert_receive({:DOWN, ^ref, _, _, _}, 5_000)
+      for ref <- refs, do: assert_receive({:DOWN, ^ref, _, _, _})
       assert eventually(fn -> alarm(robot, [:base, :imu]) == nil end)
     end
 
@@ -336,7 +336,7 @@ defmodule BB.SupervisorTest do
         Process.sleep(:infinity)
       end)
 
-      assert_receive {:started, started}, 5_000
+      assert_receive {:started, started}
       started
     end
   end
@@ -371,7 +371,7 @@ defmodule BB.SupervisorTest do
         victim = Process.whereis(Module.concat(robot, part))
         ref = Process.monitor(victim)
         Process.exit(victim, :kill)
-        assert_receive {:DOWN, ^ref, _, _, _}, 5_000
+        assert_receive {:DOWN, ^ref, _, _, _}
 
         assert eventually(fn ->
                  Process.whereis(Module.concat(robot, part)) not in [nil, victim]
@@ -388,7 +388,7 @@ defmodule BB.SupervisorTest do
     # The bus may go down between any two lines here, so each is tried again.
     defp counted?(robot) do
       {:ok, _} = BB.subscribe(robot, [:sensor, :first])
-      assert_receive {:bb, [:sensor, :first], %{robot: ^robot}}, 100
+      assert_receive {:bb, [:sensor, :first], %{robot: ^robot}}
       BB.unsubscribe(robot, [:sensor, :first])
     rescue
       _ in [ArgumentError, ExUnit.AssertionError] -> false

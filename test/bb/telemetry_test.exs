@@ -96,7 +96,7 @@ defmodule BB.TelemetryTest do
         Telemetry.attach({id, &1}, event, fn _, _, _, _ -> send(test, &1) end, nil)
       end)
     )
-    |> Task.await_many()
+    |> Task.await_many(:infinity)
 
     Telemetry.emit(event, %{})
     for n <- 1..20, do: assert_received(^n)

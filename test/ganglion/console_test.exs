@@ -88,9 +88,11 @@ defmodule Ganglion.ConsoleTest do
   end
 
   test "ring shows the topics in shared memory" do
-    topic = "console_test_#{System.pid()}"
+    topic = BB.Test.Native.topic("console")
     {:ok, publisher} = BB.Ring.Publisher.open(topic)
-    assert shown(fn -> Console.ring() end) =~ ~r/#{topic} +live +0 +16/
+    # A name as long as that of a test's topic is cut off.
+    shown_name = topic |> String.slice(0, 20) |> Regex.escape()
+    assert shown(fn -> Console.ring() end) =~ ~r/^#{shown_name}\S* +live +0 +16/m
     BB.Ring.Publisher.close(publisher)
   end
 

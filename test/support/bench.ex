@@ -14,7 +14,7 @@ defmodule BB.Test.Bench do
   @enforce_keys [:driver, :robot, :bus]
   defstruct [:driver, :robot, :bus, path: [:bench, :sensor]]
 
-  @patience_ms 10_000
+  @patience_ms 60_000
   @id :driver
 
   @doc "A bench for that driver, whose bus has those devices. The calling process hears what is published."

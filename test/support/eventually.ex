@@ -2,7 +2,7 @@ defmodule BB.Test.Eventually do
   @moduledoc "For what becomes true without telling anyone."
 
   @doc "Looks again and again until `fun` gives something true, which it returns; fails after `timeout_ms`."
-  def eventually(fun, timeout_ms \\ 10_000),
+  def eventually(fun, timeout_ms \\ 60_000),
     do: eventually(fun, timeout_ms, System.monotonic_time(:millisecond))
 
   defp eventually(fun, timeout_ms, started) do

@@ -1,9 +1,11 @@
 defmodule BB.Test.Native do
   @moduledoc "Native processes and ring topics of tests: names of their own, and a look at the system's processes."
 
+  alias BB.Test.Run
+
   @doc "A topic name that nobody else uses; its file is removed when the test ends."
   def topic(label \\ "t") do
-    topic = "test.#{System.pid()}.#{System.unique_integer([:positive])}.#{label}"
+    topic = Run.unique(label)
     ExUnit.Callbacks.on_exit(fn -> File.rm("/dev/shm/conduit_#{topic}") end)
     topic
   end

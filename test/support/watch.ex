@@ -52,8 +52,7 @@ defmodule BB.Test.Watch do
                         robot: unquote({:^, [], [robot]}),
                         frame_id: unquote(name),
                         payload: %BB.Message.Sensor.Status{} = unquote(status)
-                      }},
-                     10_000
+                      }}
     end
   end
 
@@ -67,7 +66,7 @@ defmodule BB.Test.Watch do
 
   @doc "Receives one count of a `BB.Test.Counter`, and returns the next."
   def first_count(name) do
-    assert_receive {:bb, [:sensor | _], %{frame_id: ^name, payload: %Counter.Count{n: n}}}, 5_000
+    assert_receive {:bb, [:sensor | _], %{frame_id: ^name, payload: %Counter.Count{n: n}}}
     n + 1
   end
 

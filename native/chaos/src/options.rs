@@ -21,7 +21,7 @@ again, and judges what was accepted. Exit status 1 when a promise of the ring wa
   --kills N       processes to kill (default 1000)
   --seed N        what the random choices follow from (default: one of the moment, which is printed)
   --json          the last line is {\"kills\", \"messages\", \"torn\", \"stuck\", \"leaked\", \"reused\"}
-  --patience N    seconds in which a topic must flow again (default 10)
+  --patience N    seconds in which a topic must flow again (default 30)
   --inject FAULT  torn, reused, stuck or leaked: makes this fault on purpose, to show that it is found
   NODE-COMMAND    starts a BEAM node that plays its part as its environment (CHAOS_*) says; none: no nodes
 ";
@@ -97,7 +97,7 @@ fn ring(rest: Vec<String>) -> Result<Request, Failure> {
         kills: 1000,
         seed: Random::seed(),
         node_command: node_command.to_vec(),
-        patience: Duration::from_secs(10),
+        patience: Duration::from_secs(30),
         inject: None,
     };
     let mut json = false;

@@ -53,7 +53,9 @@ pub struct Stage {
 impl Stage {
     /// A stage with nobody on it yet. Without a command for BEAM nodes there are none.
     pub fn new(node_command: Vec<String>, log: Log) -> io::Result<Stage> {
-        let prefix = format!("chaos-{}", std::process::id());
+        // The tests' run, which finds by its name what was left behind.
+        let run = std::env::var("GANGLION_RUN").unwrap_or_else(|_| "run".into());
+        let prefix = format!("chaos.{run}.{}", std::process::id());
         let folder = std::env::temp_dir().join(format!("ganglion-{prefix}"));
         std::fs::create_dir(&folder)?;
         let now = Instant::now();

@@ -1,7 +1,6 @@
 //! How a publisher comes by its segment: made anew, or taken over from a predecessor that died.
 
 use std::io;
-use std::path::Path;
 
 use crate::attach::{self, Attached};
 use crate::claim;
@@ -16,7 +15,7 @@ use crate::memory::Memory;
 use crate::publisher::PublisherOptions;
 use crate::segment::{self, Access, Name, Segment};
 use crate::sync::Ordering::{Acquire, Relaxed, Release};
-use crate::topic::{DIRECTORY, Topic};
+use crate::topic::{Topic, directory};
 use crate::writer;
 
 /// Rounds against others that make and remove the same name at the same time.
@@ -49,7 +48,7 @@ fn create(topic: &Topic, options: &PublisherOptions) -> Result<Option<Attached>,
         content: options.content,
         origin: Origin::Native { instance_id },
     };
-    let segment = Segment::create(Path::new(DIRECTORY), len, options.mode, options.group)
+    let segment = Segment::create(directory(), len, options.mode, options.group)
         .map_err(Error::os("create", path))?;
     segment
         .write_head(&Header::encode(

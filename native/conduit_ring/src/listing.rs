@@ -1,11 +1,11 @@
 //! Which topics there are.
 
 use std::os::unix::ffi::OsStrExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use crate::error::Error;
 use crate::segment;
-use crate::topic::{DIRECTORY, PREFIX, Topic};
+use crate::topic::{PREFIX, Topic, directory};
 
 /// What lies in `/dev/shm` under a topic's name or what should be one, by name. Nothing of it has been opened: whether it
 /// is a ring tells [`Info::read`](crate::Info::read).
@@ -24,7 +24,7 @@ impl Listing {
     /// # Errors
     /// [`Error::Os`] when it cannot be read.
     pub fn read() -> Result<Listing, Error> {
-        let directory = Path::new(DIRECTORY);
+        let directory = directory();
         let mut listing = Listing::default();
         for name in segment::names_in(directory).map_err(Error::os("list", directory))? {
             listing.add(name.to_str(), directory.join(&name));
@@ -63,10 +63,10 @@ mod tests {
             "conduit_a b",
             "conduit_\n",
         ] {
-            listing.add(Some(name), Path::new(DIRECTORY).join(name));
+            listing.add(Some(name), directory().join(name));
         }
         let no_text = OsStr::from_bytes(b"conduit_\xff");
-        listing.add(no_text.to_str(), Path::new(DIRECTORY).join(no_text));
+        listing.add(no_text.to_str(), directory().join(no_text));
         assert_eq!(
             listing.topics,
             ["imu", "a b"].map(|name| Topic::found(name).unwrap())
@@ -74,7 +74,7 @@ mod tests {
         assert_eq!(
             listing.misnamed,
             [OsStr::new("conduit_"), OsStr::new("conduit_\n"), no_text]
-                .map(|name| Path::new(DIRECTORY).join(name))
+                .map(|name| directory().join(name))
         );
     }
 }

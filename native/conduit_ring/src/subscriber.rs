@@ -1,7 +1,6 @@
 //! One who reads a topic.
 
 use std::fmt;
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 use crate::attachment::{Attachment, Beginning, Incarnation, Life, Part, Past};
@@ -13,7 +12,7 @@ use crate::lease::Lease;
 use crate::owner::Owner;
 use crate::reader::{Meta, Policy, Sink, Start};
 use crate::segment::{self, Watch};
-use crate::topic::{DIRECTORY, Topic};
+use crate::topic::{Topic, directory};
 use crate::wait::LONGEST_SLEEP;
 use crate::waker::Waker;
 
@@ -461,7 +460,7 @@ impl Subscriber {
     fn await_topic(&mut self, past: Past) {
         self.waker.attach(None);
         self.tie = Tie::Awaiting {
-            watch: Watch::new(Path::new(DIRECTORY)).ok(),
+            watch: Watch::new(directory()).ok(),
             past,
         };
     }

@@ -1,16 +1,33 @@
 //! The name of a ring.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use crate::error::Error;
 
-/// Where segments live.
-pub(crate) const DIRECTORY: &str = "/dev/shm";
+/// Where segments live, unless the environment says otherwise.
+const SHARED_MEMORY: &str = "/dev/shm";
+/// The variable that names another directory: topics there and those of the rest of the machine do not meet.
+const DIRECTORY_VARIABLE: &str = "CONDUIT_RING_DIR";
 /// What the name of a segment begins with.
 pub(crate) const PREFIX: &str = "conduit_";
 const MAX_LEN: usize = 200;
 /// Bytes of a file's name behind the prefix.
 const MAX_FOUND_LEN: usize = 255 - PREFIX.len();
+
+/// Where this process's segments live.
+pub(crate) fn directory() -> &'static Path {
+    static DIRECTORY: OnceLock<PathBuf> = OnceLock::new();
+    DIRECTORY.get_or_init(|| named(std::env::var_os(DIRECTORY_VARIABLE)))
+}
+
+fn named(directory: Option<OsString>) -> PathBuf {
+    match directory {
+        Some(path) if !path.is_empty() => path.into(),
+        _ => SHARED_MEMORY.into(),
+    }
+}
 
 /// A checked topic name, which can name nothing but a segment: `[A-Za-z0-9_.-]{1,200}`, or whatever a publisher of other
 /// rules has called its topic ([`Topic::found`]).
@@ -64,7 +81,7 @@ impl Topic {
 
     fn of(name: &str) -> Topic {
         Topic {
-            path: Path::new(DIRECTORY).join(format!("{PREFIX}{name}")),
+            path: directory().join(format!("{PREFIX}{name}")),
             name: name.to_owned(),
         }
     }
@@ -87,6 +104,16 @@ fn is_allowed(byte: u8) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_directory_is_shared_memory_unless_another_is_named() {
+        assert_eq!(named(None), Path::new("/dev/shm"));
+        assert_eq!(named(Some("".into())), Path::new("/dev/shm"));
+        assert_eq!(
+            named(Some("/dev/shm/arm".into())),
+            Path::new("/dev/shm/arm")
+        );
+    }
 
     #[test]
     fn names_of_1_to_200_plain_characters_are_accepted() {

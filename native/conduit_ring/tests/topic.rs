@@ -1,7 +1,9 @@
 //! One publisher and its subscribers in one process.
 #![cfg(not(loom))]
 
-use std::sync::atomic::{AtomicU32, Ordering};
+#[path = "support/run.rs"]
+mod run;
+
 use std::thread;
 use std::time::Duration;
 
@@ -11,20 +13,14 @@ use conduit_ring::{
 };
 
 fn topic() -> Topic {
-    static N: AtomicU32 = AtomicU32::new(0);
-    Topic::new(&format!(
-        "happy-{}-{}",
-        std::process::id(),
-        N.fetch_add(1, Ordering::Relaxed)
-    ))
-    .unwrap()
+    Topic::new(&run::unique("happy")).unwrap()
 }
 
 fn open(topic: &Topic) -> Publisher {
     Publisher::open(topic, &PublisherOptions::default()).unwrap()
 }
 
-const LONG: Duration = Duration::from_secs(10);
+const LONG: Duration = Duration::from_secs(60);
 
 #[test]
 fn messages_arrive_in_order_with_their_numbers() {

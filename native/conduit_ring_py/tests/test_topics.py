@@ -12,7 +12,8 @@ def test_topics_are_those_that_there_are(topic):
     assert topic not in topics()
     with Publisher(topic), Publisher(topic + ".b"):
         assert {topic, topic + ".b"} <= set(topics())
-        assert topics() == sorted(topics())
+        names = topics()
+        assert names == sorted(names)
     assert topic not in topics()
 
 
@@ -94,4 +95,4 @@ def test_the_clock_is_monotonic_raw():
     now = now_ns()
     assert before <= now <= time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)
     wall = now_ns() + conduit_ring.realtime_offset_ns()
-    assert abs(wall - time.time_ns()) < 10**9
+    assert abs(wall - time.time_ns()) < 60 * 10**9

@@ -138,7 +138,10 @@ defmodule BB.Bus.I2CTest do
       {one, other} = {open!(name), open!(name)}
       assert I2C.close(one) == :ok
       assert I2C.close(one) == :ok
-      assert Task.await(Task.async(fn -> I2C.read(one, 0x10, 1) end)) == {:error, {:errno, 9}}
+
+      assert Task.await(Task.async(fn -> I2C.read(one, 0x10, 1) end), :infinity) ==
+               {:error, {:errno, 9}}
+
       assert I2C.read(other, 0x10, 1) == {:ok, <<1>>}
     end
 
@@ -227,7 +230,7 @@ defmodule BB.Bus.I2CTest do
         end
 
       :sys.resume(bus.pid)
-      assert Task.await_many(waiting) == for(n <- [3, 1, 2, 1, 3], do: {:ok, <<n>>})
+      assert Task.await_many(waiting, :infinity) == for(n <- [3, 1, 2, 1, 3], do: {:ok, <<n>>})
       assert told() == for(address <- [0x12, 0x10, 0x11, 0x10, 0x12], do: {:read, address})
     end
 
@@ -243,7 +246,7 @@ defmodule BB.Bus.I2CTest do
       modest = Task.async(fn -> I2C.read(bus, 0x11, 1) end)
       assert eventually(fn -> waits?(modest.pid) end)
       :sys.resume(bus.pid)
-      Task.await_many([greedy, modest])
+      Task.await_many([greedy, modest], :infinity)
       assert told() == for(address <- [0x10, 0x11, 0x10, 0x10], do: {:read, address})
     end
   end
@@ -256,8 +259,8 @@ defmodule BB.Bus.I2CTest do
       bad = Task.async(fn -> for _ <- 1..10, do: I2C.read(bus, 0x10, 1) end)
       good = Task.async(fn -> for _ <- 1..10, do: I2C.read(bus, 0x11, 1) end)
 
-      assert Task.await(good) == for(_ <- 1..10, do: {:ok, <<2>>})
-      assert Task.await(bad) == for(_ <- 1..10, do: {:error, :timeout})
+      assert Task.await(good, :infinity) == for(_ <- 1..10, do: {:ok, <<2>>})
+      assert Task.await(bad, :infinity) == for(_ <- 1..10, do: {:error, :timeout})
       assert opens() == 1
       assert %{state: :up, reopened: 0} = health(name)
     end
@@ -309,7 +312,7 @@ defmodule BB.Bus.I2CTest do
     defp calls_of_many(bus) do
       for(_ <- 1..10, address <- [0x10, 0x11], do: address)
       |> Enum.map(fn address -> Task.async(fn -> I2C.read(bus, address, 1) end) end)
-      |> Task.await_many()
+      |> Task.await_many(:infinity)
       |> Enum.uniq()
     end
 

@@ -87,7 +87,7 @@ defmodule BB.Component.KeeperTest do
       )
 
       start_watched(robot)
-      assert_receive {:hanging, hanging}, 5_000
+      assert_receive {:hanging, hanging}
       assert eventually(fn -> health(robot, :second).state == :up end)
       assert %{state: :starting, pid: ^hanging} = health(robot, :imu)
       send(hanging, :go_on)
@@ -107,7 +107,7 @@ defmodule BB.Component.KeeperTest do
       )
 
       start_supervised!(robot)
-      assert_receive {:hanging, hanging}, 5_000
+      assert_receive {:hanging, hanging}
       ref = Process.monitor(hanging)
       :ok = stop_supervised(robot)
       assert_received {:DOWN, ^ref, _, _, :killed}
@@ -209,8 +209,8 @@ defmodule BB.Component.KeeperTest do
       BB.Telemetry.attach({__MODULE__, robot}, [:bb, :sensor, :status], handler, nil)
       on_exit(fn -> BB.Telemetry.detach({__MODULE__, robot}) end)
       Process.exit(pid(robot, :imu), :kill)
-      assert_receive {:telemetry, :backoff, :killed, %{restarts: 0}}, 5_000
-      assert_receive {:telemetry, :up, nil, %{restarts: 1}}, 5_000
+      assert_receive {:telemetry, :backoff, :killed, %{restarts: 0}}
+      assert_receive {:telemetry, :up, nil, %{restarts: 1}}
     end
   end
 
@@ -222,7 +222,7 @@ defmodule BB.Component.KeeperTest do
       keeper = keeper(robot, :imu)
       refs = for pid <- [old, keeper], do: Process.monitor(pid)
       Process.exit(keeper, :kill)
-      for ref <- refs, do: assert_receive({:DOWN, ^ref, _, _, :killed}, 5_000)
+      for ref <- refs, do: assert_receive({:DOWN, ^ref, _, _, :killed})
       assert_status(robot, :imu, %{state: :up, restarts: 1})
       new = pid(robot, :imu)
       assert new != old
@@ -248,10 +248,10 @@ defmodule BB.Component.KeeperTest do
       start_up(robot)
       old = pid(robot, :imu)
       BB.cast(robot, :imu, :hang)
-      assert_receive :hangs, 5_000
+      assert_receive :hangs
       ref = Process.monitor(old)
       Process.exit(keeper(robot, :imu), :kill)
-      assert_receive {:DOWN, ^ref, _, _, :killed}, 5_000
+      assert_receive {:DOWN, ^ref, _, _, :killed}
       assert_status(robot, :imu, %{state: :up, restarts: 1})
       refute pid(robot, :imu) == old
     end

@@ -109,14 +109,14 @@ defmodule BB.Component.ParametersTest do
   end
 
   defp heard do
-    assert_receive {:init, pid, opts}, 5_000
+    assert_receive {:init, pid, opts}
     {List.last(opts[:bb].path), pid}
   end
 
   describe "a reference param([:a, :b])" do
     test "is resolved before init", %{robot: robot} do
       start_supervised!(robot)
-      assert_receive {:init, _, [{:bb, %{path: [:base, :tuned]}} | _] = opts}, 5_000
+      assert_receive {:init, _, [{:bb, %{path: [:base, :tuned]}} | _] = opts}
       assert opts[:gain] == 0.5
       assert opts[:level] == 2
     end
@@ -211,7 +211,7 @@ defmodule BB.Component.ParametersTest do
       :ok = BB.call(robot, :tuned, {:wait, 100})
       :ok = Parameter.set(robot, [:gain], 0.75)
       assert_receive {:options, _}
-      assert_receive {:info, :timeout}, 5_000
+      assert_receive {:info, :timeout}
     end
 
     # Each component has handled all that came before this call.
@@ -224,7 +224,7 @@ defmodule BB.Component.ParametersTest do
       {pid, _} = start(robot)
       ref = Process.monitor(pid)
       :ok = Parameter.set(robot, [:gain], 13.0)
-      assert_receive {:DOWN, ^ref, _, _, :unlucky}, 5_000
+      assert_receive {:DOWN, ^ref, _, _, :unlucky}
       assert_received {:terminated, :unlucky}
       assert {:tuned, _pid} = heard()
       assert eventually(fn -> health(robot, :tuned).state == :up end)
@@ -236,7 +236,7 @@ defmodule BB.Component.ParametersTest do
       {pid, _} = start(robot)
       ref = Process.monitor(pid)
       :ok = Parameter.set(robot, [:level], 11)
-      assert_receive {:DOWN, ^ref, _, _, %ValidationError{} = error}, 5_000
+      assert_receive {:DOWN, ^ref, _, _, %ValidationError{} = error}
 
       message =
         "invalid value for :level option: expected one of 1..10, got: 11 (in options [:base, :tuned])"
@@ -250,7 +250,7 @@ defmodule BB.Component.ParametersTest do
 
       assert BB.Sensor.explain(Tuned, health(robot, :tuned).reason) == message
       :ok = Parameter.set(robot, [:level], 10)
-      assert_receive {:init, _pid, opts}, 5_000
+      assert_receive {:init, _pid, opts}
       assert opts[:level] == 10
     end
 
@@ -258,8 +258,8 @@ defmodule BB.Component.ParametersTest do
       {pid, _} = start(robot)
       ref = Process.monitor(pid)
       :ok = Parameter.set(robot, [:gain], 14.0)
-      assert_receive {:DOWN, ^ref, _, _, _}, 5_000
-      assert_receive {:init, _pid, opts}, 5_000
+      assert_receive {:DOWN, ^ref, _, _, _}
+      assert_receive {:init, _pid, opts}
       assert opts[:gain] == 14.0
     end
   end
@@ -278,7 +278,7 @@ defmodule BB.Component.ParametersTest do
 
     Process.exit(pid, :kill)
     assert is_pid(writer)
-    assert_receive :written, 10_000
+    assert_receive :written
     assert {:tuned, _} = started_again()
     settle(robot)
     {:ok, last} = Parameter.get(robot, [:gain])
@@ -307,10 +307,10 @@ defmodule BB.Component.ParametersTest do
     {pid, _} = start(robot)
     ref = Process.monitor(pid)
     Process.exit(Process.whereis(Module.concat(robot, Parameters)), :kill)
-    assert_receive {:DOWN, ^ref, _, _, _}, 5_000
+    assert_receive {:DOWN, ^ref, _, _, _}
     assert [:encoder, :tuned] = Enum.sort(for _ <- 1..2, do: elem(heard(), 0))
     :ok = Parameter.set(robot, [:gain], 0.9)
-    assert_receive {:options, opts}, 5_000
+    assert_receive {:options, opts}
     assert opts[:gain] == 0.9
   end
 
@@ -321,7 +321,7 @@ defmodule BB.Component.ParametersTest do
     {:runtime, runtime, _, _} = robot |> Supervisor.which_children() |> List.keyfind(:runtime, 0)
     ref = Process.monitor(pid)
     Process.exit(runtime, :kill)
-    assert_receive {:DOWN, ^ref, _, _, _}, 5_000
+    assert_receive {:DOWN, ^ref, _, _, _}
     assert [:encoder, :tuned] = Enum.sort(for _ <- 1..2, do: elem(heard(), 0))
     assert Parameter.get(robot, [:gain]) == {:ok, 0.5}
     assert supervisors(robot) == supervisors
@@ -330,7 +330,7 @@ defmodule BB.Component.ParametersTest do
   describe "a transmission" do
     test "is in opts[:sensor_profile], with values in SI units", %{robot: robot} do
       start_supervised!(robot)
-      assert_receive {:init, _, [{:bb, %{path: [:base, :elbow, :encoder]}} | _] = opts}, 5_000
+      assert_receive {:init, _, [{:bb, %{path: [:base, :elbow, :encoder]}} | _] = opts}
 
       assert opts[:sensor_profile] == %SensorProfile{
                joint_name: :elbow,
@@ -357,7 +357,7 @@ defmodule BB.Component.ParametersTest do
       {_, pid} = start(robot)
       ref = Process.monitor(pid)
       :ok = Parameter.set(robot, [:gear, :ratio], 0.0)
-      assert_receive {:DOWN, ^ref, _, _, %ValidationError{} = error}, 5_000
+      assert_receive {:DOWN, ^ref, _, _, %ValidationError{} = error}
 
       assert Exception.message(error) ==
                "invalid value for :reduction option: expected a number above zero, got: 0.0 (in options [:base, :elbow, :encoder, :transmission])"
@@ -404,7 +404,7 @@ defmodule BB.Component.ParametersTest do
     assert_receive {:init, ^pid, opts}
     assert opts[:gain] == 0.5
     :ok = Parameter.set(robot, [:gain], 13.0)
-    assert_receive {:EXIT, ^pid, :unlucky}, 5_000
+    assert_receive {:EXIT, ^pid, :unlucky}
 
     assert BB.Sensor.Server.start_link(
              Keyword.put(args, :gain, %BB.Parameter.Reference{path: [:no]})

@@ -44,7 +44,7 @@ defmodule BB.Component.ServerTest do
     ])
 
     start_supervised!(robot)
-    assert_receive {:init, opts, pid}, 5_000
+    assert_receive {:init, opts, pid}
     %{opts: opts, pid: pid}
   end
 
@@ -89,7 +89,7 @@ defmodule BB.Component.ServerTest do
 
       %{opts: opts} = started(robot, {:ok, :s})
       assert opts[:sensor_profile] == %SensorProfile{joint_name: nil, transmission: nil}
-      assert_receive {:encoder, %SensorProfile{joint_name: :elbow, transmission: nil}}, 5_000
+      assert_receive {:encoder, %SensorProfile{joint_name: :elbow, transmission: nil}}
     end
 
     test "{:ok, state} is the user's state in the server's", %{robot: robot} do
@@ -100,7 +100,7 @@ defmodule BB.Component.ServerTest do
 
     test "{:ok, state, timeout} sends :timeout", %{robot: robot} do
       started(robot, {:ok, :s, 1}, handle_info: telling(:handle_info, &{:noreply, &1}))
-      assert_receive {:handle_info, :timeout, :s}, 5_000
+      assert_receive {:handle_info, :timeout, :s}
     end
 
     test "{:ok, state, :hibernate} hibernates", %{robot: robot} do
@@ -146,7 +146,7 @@ defmodule BB.Component.ServerTest do
       )
 
       assert BB.call(robot, :imu, :ping) == :pong
-      assert_receive {:handle_info, :timeout, :t}, 5_000
+      assert_receive {:handle_info, :timeout, :t}
     end
 
     test "{:reply, reply, state, :hibernate}", %{robot: robot} do
@@ -161,7 +161,7 @@ defmodule BB.Component.ServerTest do
       )
 
       assert BB.call(robot, :imu, :ping) == :pong
-      assert_receive {:handle_continue, 1, :s}, 5_000
+      assert_receive {:handle_continue, 1, :s}
     end
 
     test "{:noreply, state} to a call, with a reply later", %{robot: robot} do
@@ -179,12 +179,12 @@ defmodule BB.Component.ServerTest do
 
       called(robot, fn _from, state -> {:stop, :enough, :bye, state} end, terminate: terminate)
       assert BB.call(robot, :imu, :ping) == :bye
-      assert_receive {:terminated, :enough, :s}, 5_000
+      assert_receive {:terminated, :enough, :s}
 
       script(robot, handle_call: fn _, _, state -> {:stop, :again, state} end)
-      assert_receive {:init, _, _}, 5_000
+      assert_receive {:init, _, _}
       assert {:again, _} = catch_exit(BB.call(robot, :imu, :ping))
-      assert_receive {:terminated, :again, :s}, 5_000
+      assert_receive {:terminated, :again, :s}
     end
 
     test "{:noreply, …} of handle_cast, handle_info and handle_continue, with all that may follow",
@@ -201,12 +201,12 @@ defmodule BB.Component.ServerTest do
         )
 
       BB.cast(robot, :imu, {:continue, :from_cast})
-      assert_receive {:handle_continue, :from_cast, 1}, 5_000
+      assert_receive {:handle_continue, :from_cast, 1}
       BB.cast(robot, :imu, :timeout)
-      assert_receive {:handle_info, :timeout, 102}, 5_000
-      assert_receive {:handle_continue, :from_info, 112}, 5_000
+      assert_receive {:handle_info, :timeout, 102}
+      assert_receive {:handle_continue, :from_info, 112}
       assert BB.send(robot, :imu, :hello) == :hello
-      assert_receive {:handle_info, :hello, 212}, 5_000
+      assert_receive {:handle_info, :hello, 212}
       BB.cast(robot, :imu, :hibernate)
       assert_hibernates(pid)
     end
@@ -300,9 +300,9 @@ defmodule BB.Component.ServerTest do
 
       {:ok, pid} = start_alone(robot)
       GenServer.cast(pid, :normal)
-      assert_receive {:info, :timeout}, 5_000
+      assert_receive {:info, :timeout}
       GenServer.cast(pid, :crash)
-      assert_receive {:EXIT, ^pid, :helper_failed}, 5_000
+      assert_receive {:EXIT, ^pid, :helper_failed}
       refute_received {:info, _}
     end
 
@@ -321,7 +321,7 @@ defmodule BB.Component.ServerTest do
       )
 
       {:ok, _pid} = start_alone(robot)
-      assert_receive {:info, {:EXIT, helper, :helper_failed}, helper}, 5_000
+      assert_receive {:info, {:EXIT, helper, :helper_failed}, helper}
     end
   end
 
@@ -342,8 +342,8 @@ defmodule BB.Component.ServerTest do
 
     on_exit(fn -> BB.Telemetry.detach(id) end)
     start_supervised!(robot)
-    assert_receive {[:bb, :sensor, :init, :start], %{path: [:base, :imu], module: Probe}}, 5_000
-    assert_receive {[:bb, :sensor, :init, :stop], %{path: [:base, :imu]}}, 5_000
+    assert_receive {[:bb, :sensor, :init, :start], %{path: [:base, :imu], module: Probe}}
+    assert_receive {[:bb, :sensor, :init, :stop], %{path: [:base, :imu]}}
   end
 
   defp assert_hibernates(pid) do
@@ -357,7 +357,7 @@ defmodule BB.Component.ServerTest do
 
   defp gone?(pid) do
     ref = Process.monitor(pid)
-    assert_receive {:DOWN, ^ref, _, _, _}, 5_000
+    assert_receive {:DOWN, ^ref, _, _, _}
     true
   end
 end

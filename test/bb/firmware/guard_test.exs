@@ -8,7 +8,7 @@ defmodule BB.Firmware.GuardTest do
   alias BB.Firmware.Guard
   alias BB.Firmware.Guard.{Heart, Report}
   alias BB.Message.Sensor.Range
-  alias BB.Test.{Network, Probe}
+  alias BB.Test.{Native, Network, Probe}
 
   @moduletag :tmp_dir
 
@@ -49,8 +49,7 @@ defmodule BB.Firmware.GuardTest do
   defp guard(context, robot, opts \\ []) do
     {:ok, memory} = Memory.start_link(status: opts[:status] || :unvalidated, tell: self())
 
-    topic = "guard_test_#{System.unique_integer([:positive])}_#{System.pid()}"
-    on_exit(fn -> File.rm("/dev/shm/conduit_" <> topic) end)
+    topic = Native.topic("guard")
 
     defaults = [
       robot: robot,
@@ -82,7 +81,7 @@ defmodule BB.Firmware.GuardTest do
     heart = Heart.callback()
     assert_receive {Memory, {:set_heart, ^heart}}
     assert_receive {Memory, :init_complete}
-    assert_receive {Memory, :validate}, 10_000
+    assert_receive {Memory, :validate}
     assert_receive {Memory, {:clear_heart, ^heart}}
 
     assert {:ok, %{phase: :validated, reasons: [], left_ms: nil}} = Guard.state(guard)
@@ -98,7 +97,7 @@ defmodule BB.Firmware.GuardTest do
     start_supervised!(robot)
     {guard, _} = guard(context, robot, hopeless([]))
 
-    assert_receive {Memory, :revert}, 10_000
+    assert_receive {Memory, :revert}
     refute_received {Memory, :validate}
     assert {:ok, %{phase: :reverting}} = Guard.state(guard)
 
@@ -109,7 +108,7 @@ defmodule BB.Firmware.GuardTest do
   test "firmware with a required sensor that runs and says nothing is reverted", context do
     robot = quiet()
     {_, _} = guard(context, robot, hopeless([]))
-    assert_receive {Memory, :revert}, 10_000
+    assert_receive {Memory, :revert}
     assert Report.read(context.tmp_dir, :reverted) =~ "required: sensor range: was never good"
   end
 
@@ -131,7 +130,7 @@ defmodule BB.Firmware.GuardTest do
     {_, _} = guard(context, robot, hopeless([]))
     assert_receive {Memory, :init_complete}
     for _ <- 1..10, do: BB.send(robot, :range, :old)
-    assert_receive {Memory, :revert}, 10_000
+    assert_receive {Memory, :revert}
     assert Report.read(context.tmp_dir, :reverted) =~ "required: sensor range: was never good"
   end
 
@@ -143,7 +142,7 @@ defmodule BB.Firmware.GuardTest do
     start_supervised!(robot)
     {guard, _} = guard(context, robot)
 
-    assert_receive {Memory, {:clear_heart, _}}, 10_000
+    assert_receive {Memory, {:clear_heart, _}}
     assert {:ok, %{missing: [{{:sensor, :extra}, _}]}} = Guard.state(guard)
 
     assert Report.read(context.tmp_dir, :validated) =~
@@ -156,12 +155,12 @@ defmodule BB.Firmware.GuardTest do
     start_supervised!(robot)
 
     guard(context, robot, hopeless(state: :disconnected))
-    assert_receive {Memory, :revert}, 10_000
+    assert_receive {Memory, :revert}
     assert Report.read(context.tmp_dir, :reverted) =~ "network: disconnected, and lan is wanted"
 
     stop_supervised!(Guard)
     guard(context, robot, state: :disconnected, reach: :none)
-    assert_receive {Memory, :validate}, 10_000
+    assert_receive {Memory, :validate}
   end
 
   test "firmware whose native process is started again and again is reverted", context do
@@ -174,13 +173,13 @@ defmodule BB.Firmware.GuardTest do
 
     start_supervised!(robot)
     guard(context, robot, stability_ms: 800, deadline_ms: 1_200)
-    assert_receive {Memory, :revert}, 10_000
+    assert_receive {Memory, :revert}
     assert Report.read(context.tmp_dir, :reverted) =~ "required: native native: "
   end
 
   test "a robot that is not started at all is reverted", context do
     guard(context, declared(), hopeless([]))
-    assert_receive {Memory, :revert}, 10_000
+    assert_receive {Memory, :revert}
     assert Report.read(context.tmp_dir, :reverted) =~ "pubsub: "
   end
 
@@ -190,17 +189,17 @@ defmodule BB.Firmware.GuardTest do
     {guard, _} = guard(context, robot)
     eventually(fn -> match?({:ok, %{phase: :watching}}, Guard.state(guard)) end)
     start_supervised!(robot)
-    assert_receive {Memory, :validate}, 10_000
+    assert_receive {Memory, :validate}
   end
 
   test "a ring whose topic another publisher has is a reason", context do
     robot = declared()
     beating(robot, :range, [:base_link, :range])
     start_supervised!(robot)
-    topic = "guard_test_taken_#{System.pid()}"
+    topic = Native.topic("taken")
     {:ok, publisher} = BB.Ring.Publisher.open(topic)
     guard(context, robot, hopeless(topic: topic))
-    assert_receive {Memory, :revert}, 10_000
+    assert_receive {Memory, :revert}
 
     assert Report.read(context.tmp_dir, :reverted) =~
              "required: ring: the topic has a live publisher"
@@ -225,9 +224,9 @@ defmodule BB.Firmware.GuardTest do
     {guard, memory} = guard(context, robot, deadline_ms: 600, started_ms: started)
     assert_receive {Memory, {:set_heart, _}}
     Process.exit(guard, :kill)
-    assert_receive {Memory, {:set_heart, _}}, 10_000
+    assert_receive {Memory, {:set_heart, _}}
     assert Memory.heart(memory) == Heart.callback()
-    assert_receive {Memory, :revert}, 10_000
+    assert_receive {Memory, :revert}
   end
 
   test "a validation that fails is tried again", context do
@@ -236,9 +235,9 @@ defmodule BB.Firmware.GuardTest do
     start_supervised!(robot)
     {_, memory} = guard(context, robot, status: :unvalidated, stability_ms: 200)
     Memory.answer(memory, :validate, {:error, :timeout})
-    assert_receive {Memory, :validate}, 10_000
+    assert_receive {Memory, :validate}
     Memory.answer(memory, :validate, nil)
-    assert_receive {Memory, :validate}, 10_000
+    assert_receive {Memory, :validate}
     assert_receive {Memory, {:clear_heart, _}}
   end
 

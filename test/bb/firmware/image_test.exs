@@ -243,7 +243,7 @@ defmodule BB.Firmware.ImageTest do
     if read =~ wanted do
       read
     else
-      assert_receive {:ssh_cm, ^connection, {:data, _, _, data}}, 20_000
+      assert_receive {:ssh_cm, ^connection, {:data, _, _, data}}
       read_until(connection, wanted, read <> data)
     end
   end

@@ -75,8 +75,8 @@ defmodule BB.PubSub.RetentionTest do
   test "sensors declared retain: true keep their last message" do
     start_supervised!(Retaining)
     {:ok, _} = BB.subscribe(Retaining, [:sensor])
-    assert_receive {:bb, [:sensor, :kept], _}, 5_000
-    assert_receive {:bb, [:sensor, :forgotten], _}, 5_000
+    assert_receive {:bb, [:sensor, :kept], _}
+    assert_receive {:bb, [:sensor, :forgotten], _}
     assert %Message{} = PubSub.last(Retaining, [:sensor, :kept])
     assert PubSub.last(Retaining, [:sensor, :forgotten]) == nil
   end
@@ -148,11 +148,11 @@ defmodule BB.PubSub.RetentionTest do
         for _ <- 1..subscribers,
             do: Task.async(fn -> late_subscriber(robot, paths, 3 + messages) end)
 
-      Task.await_many(publishing)
+      Task.await_many(publishing, :infinity)
 
       published = Enum.take(1..3, first) ++ Enum.to_list(4..(3 + messages))
 
-      for received <- Task.await_many(subscribing), path <- paths do
+      for received <- Task.await_many(subscribing, :infinity), path <- paths do
         assert_gapless(for({^path, n} <- received, do: n), published)
       end
 
@@ -205,12 +205,12 @@ defmodule BB.PubSub.RetentionTest do
 
     subscribing =
       for _ <- 1..10 do
-        assert_receive :subscribe, 5_000
+        assert_receive :subscribe
         Task.async(fn -> for {^path, n} <- late_subscriber(robot, [path], 41), do: n end)
       end
 
-    Task.await(publishing)
-    for task <- subscribing, do: assert_gapless(Task.await(task), Enum.to_list(1..41))
+    Task.await(publishing, :infinity)
+    for task <- subscribing, do: assert_gapless(Task.await(task, :infinity), Enum.to_list(1..41))
   end
 
   defp routed(robot, path) do
@@ -237,7 +237,7 @@ defmodule BB.PubSub.RetentionTest do
     end)
 
     assert_received {:tasks, tasks}
-    Task.await_many(tasks)
+    Task.await_many(tasks, :infinity)
     assert_received {:bb, first}
     assert_received {:bb, second}
     assert {first, second} == {:replayed, :newer}

@@ -154,7 +154,7 @@ defmodule BB.PubSub.SubscriptionTest do
       publish(robot, path, [0])
       routed(robot, path, Status)
       publishers = for _ <- 1..2, do: Task.async(fn -> publish(robot, path, 1..5_000) end)
-      Task.await_many(publishers)
+      Task.await_many(publishers, :infinity)
 
       assert Actor.waiting(actor) in 100..140
       before = Actor.received(actor)

@@ -37,7 +37,7 @@ defmodule BB.Safety.WardenTest do
       Process.sleep(:infinity)
     end)
 
-    assert_receive {:started, root}, 20_000
+    assert_receive {:started, root}
     on_exit(fn -> stop(root) end)
     assert eventually(fn -> Enum.all?(BB.Sensor.health(robot), &(&1.state == :up)) end)
     {robot, root}
@@ -140,7 +140,7 @@ defmodule BB.Safety.WardenTest do
       )
 
       BB.cast(robot, :b, :crash)
-      assert_receive {:restarting, ^robot}, 5_000
+      assert_receive {:restarting, ^robot}
       strike(@blow, root)
       assert eventually(fn -> Safety.state(robot) == :disarmed end)
       assert runs(robot) == {1, 1}
@@ -190,7 +190,7 @@ defmodule BB.Safety.WardenTest do
     end_process(topology(root), :kill)
     end_process(root, :kill)
     send(held, :go_on)
-    assert Task.await(disarming) == :ok
+    assert Task.await(disarming, :infinity) == :ok
     assert_forgotten(robot)
     assert runs(robot) == {1, 1}
   end
@@ -203,7 +203,7 @@ defmodule BB.Safety.WardenTest do
     assert Safety.state(robot) == :disarming
     assert Safety.arm(robot) == {:error, :disarming}
     send(held, :go_on)
-    assert Task.await(disarming) == :ok
+    assert Task.await(disarming, :infinity) == :ok
     assert Safety.arm(robot) == :ok
     Brake.script(robot, @a, disarm: fn _opts -> :ok end)
     assert_up_again(robot)
@@ -241,7 +241,7 @@ defmodule BB.Safety.WardenTest do
     assert Safety.disarm(quick) == :ok
     assert Safety.state(slow) == :disarming
     send(held, :go_on)
-    assert Task.await(disarming) == :ok
+    assert Task.await(disarming, :infinity) == :ok
   end
 
   describe "the state survives a crash of the safety process:" do
@@ -289,7 +289,7 @@ defmodule BB.Safety.WardenTest do
       end
 
       send(held, :go_on)
-      assert Task.await(disarming) == :ok
+      assert Task.await(disarming, :infinity) == :ok
       assert Safety.state(robot) == :disarmed
       assert runs(robot) == {1, 1}
     end
@@ -302,7 +302,7 @@ defmodule BB.Safety.WardenTest do
       assert eventually(fn -> runs(robot) == {1, 1} end)
       kill_warden(robot)
 
-      assert Task.await(disarming) ==
+      assert Task.await(disarming, :infinity) ==
                {:error, {:disarm_failed, [{@a, {:timeout, 300}}]}}
     end
 
@@ -312,7 +312,7 @@ defmodule BB.Safety.WardenTest do
       :sys.suspend(warden(robot))
       Process.exit(held, :kill)
       kill_warden(robot)
-      assert {:error, {:disarm_failed, [{@a, {:exit, _}}]}} = Task.await(disarming)
+      assert {:error, {:disarm_failed, [{@a, {:exit, _}}]}} = Task.await(disarming, :infinity)
       assert runs(robot) == {1, 1}
     end
 
@@ -352,14 +352,14 @@ defmodule BB.Safety.WardenTest do
 
     # An exit with another reason than its parent's says nothing to a supervisor.
     unless reason == :kill, do: Supervisor.stop(pid, reason)
-    assert_receive {:DOWN, ^ref, _, _, _}, 10_000
+    assert_receive {:DOWN, ^ref, _, _, _}
   end
 
   defp kill_warden(robot) do
     pid = eventually(fn -> warden(robot) end)
     ref = Process.monitor(pid)
     Process.exit(pid, :kill)
-    assert_receive {:DOWN, ^ref, _, _, _}, 5_000
+    assert_receive {:DOWN, ^ref, _, _, _}
   end
 
   # Looks
@@ -389,13 +389,13 @@ defmodule BB.Safety.WardenTest do
 
     :ok = Safety.arm(robot)
     disarming = Task.async(fn -> Safety.disarm(robot, timeout: 60_000) end)
-    assert_receive {:held, held}, 5_000
+    assert_receive {:held, held}
     {held, disarming}
   end
 
   defp assert_disarmed(robot) do
-    assert_receive {:bb, [:state_machine], %{payload: %{to: :disarming}}}, 5_000
-    assert_receive {:bb, [:state_machine], %{payload: %{to: :disarmed}}}, 5_000
+    assert_receive {:bb, [:state_machine], %{payload: %{to: :disarming}}}
+    assert_receive {:bb, [:state_machine], %{payload: %{to: :disarmed}}}
     assert Safety.state(robot) == :disarmed
   end
 

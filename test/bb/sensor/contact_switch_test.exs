@@ -84,7 +84,7 @@ defmodule BB.Sensor.ContactSwitchTest do
     monitor = Process.monitor(pid)
     pass(bench, 1, pid)
     noise = {:noise, {bench.chip, 17}}
-    assert_receive {:DOWN, ^monitor, _, _, {:shutdown, ^noise}}, 10_000
+    assert_receive {:DOWN, ^monitor, _, _, {:shutdown, ^noise}}
     assert BB.Sensor.explain(ContactSwitch, noise) =~ "changes all the time"
   end
 
@@ -94,7 +94,7 @@ defmodule BB.Sensor.ContactSwitchTest do
     monitor = Process.monitor(pid)
     pass(bench, 3 * @period, pid)
     lost = {:line_lost, {bench.chip, 17}}
-    assert_receive {:DOWN, ^monitor, _, _, {:shutdown, ^lost}}, 10_000
+    assert_receive {:DOWN, ^monitor, _, _, {:shutdown, ^lost}}
     assert contacts() == []
     assert {:error, reason} = run(bench, ContactSwitch, line: {bench.chip, 17})
     assert inspect(reason) =~ "line_busy"

@@ -5,7 +5,7 @@ defmodule BB.Sensor.DriversInARobotTest do
   alias BB.Message.Sensor.{JointState, PowerState, Range, Status}
 
   @bus "i2c-drivers-in-a-robot"
-  @patience_ms 10_000
+  @patience_ms 60_000
 
   # As in the reference, with a range finder and the computer itself.
   defmodule Robot do

@@ -61,7 +61,7 @@ defmodule BB.Sensor.EmergencyStopTest do
   end
 
   defp assert_contact(pressed?) do
-    assert_receive {:bb, _, %{payload: %BB.Message.Sensor.Contact{pressed: ^pressed?}}}, 10_000
+    assert_receive {:bb, _, %{payload: %BB.Message.Sensor.Contact{pressed: ^pressed?}}}
   end
 
   test "a robot whose stop is not pressed can be armed", context do
@@ -149,11 +149,11 @@ defmodule BB.Sensor.EmergencyStopTest do
       end)
 
     for _ <- 1..10 do
-      assert_receive :armed, 10_000
+      assert_receive :armed
       pid = eventually(fn -> alive(BB.Process.whereis(robot, :estop)) end)
       Process.exit(pid, :kill)
 
-      assert_receive {:bb, [:state_machine], %{payload: %{from: :armed, to: :disarming}}}, 10_000
+      assert_receive {:bb, [:state_machine], %{payload: %{from: :armed, to: :disarming}}}
     end
 
     Process.unlink(armer)

@@ -110,7 +110,7 @@ defmodule BB.Sensor.HcSr04Test do
       :ok = Lines.unplug(bench.chip, :sonar)
       pass(bench, 5 * @period, pid)
       reason = {:no_echo, {bench.chip, 23}, {bench.chip, 24}}
-      assert_receive {:DOWN, ^monitor, _, _, {:shutdown, ^reason}}, 10_000
+      assert_receive {:DOWN, ^monitor, _, _, {:shutdown, ^reason}}
       assert ranges() == []
     end
 
@@ -120,7 +120,7 @@ defmodule BB.Sensor.HcSr04Test do
       :ok = Lines.fault({bench.chip, 24}, {:short, 1})
       pass(bench, 5 * @period, pid)
       reason = {:echo_stuck, {bench.chip, 24}}
-      assert_receive {:DOWN, ^monitor, _, _, {:shutdown, ^reason}}, 10_000
+      assert_receive {:DOWN, ^monitor, _, _, {:shutdown, ^reason}}
       assert ranges() == []
     end
 
@@ -130,7 +130,7 @@ defmodule BB.Sensor.HcSr04Test do
       :ok = Lines.fault({bench.chip, 24}, {:storm, 20_000})
       pass(bench, 8 * @period, pid)
       reason = {:noise, {bench.chip, 24}}
-      assert_receive {:DOWN, ^monitor, _, _, {:shutdown, ^reason}}, 10_000
+      assert_receive {:DOWN, ^monitor, _, _, {:shutdown, ^reason}}
       assert ranges() == []
     end
 
@@ -184,7 +184,7 @@ defmodule BB.Sensor.HcSr04Test do
       :ok = Safety.arm(robot)
       assert Safety.disarm(robot) == :ok
       {:ok, _} = BB.subscribe(robot, [:sensor, :sonar])
-      for _ <- 1..3, do: assert_receive({:bb, _, %{payload: %Range{}}}, 10_000)
+      for _ <- 1..3, do: assert_receive({:bb, _, %{payload: %Range{}}})
       assert BB.Process.whereis(robot, :sonar) == pid
     end
 

@@ -65,7 +65,7 @@ defmodule BB.Sensor.MimicTest do
     start(robot)
     message = publish(robot, positions: [1.0], velocities: [0.25], efforts: [3.0])
 
-    assert_receive {:bb, @mirror, %Message{frame_id: :right, payload: state} = mimicked}, 5_000
+    assert_receive {:bb, @mirror, %Message{frame_id: :right, payload: state} = mimicked}
     assert state == %JointState{names: [:right], positions: [2.5], velocities: [0.5], efforts: []}
     assert mimicked.monotonic_time == message.monotonic_time
   end
@@ -73,14 +73,14 @@ defmodule BB.Sensor.MimicTest do
   test "multiplier is 1.0, offset 0.0, and the source may be a path", %{robot: robot} do
     start(robot)
     publish(robot, positions: [1.0])
-    assert_receive {:bb, @by_path, %{payload: state}}, 5_000
+    assert_receive {:bb, @by_path, %{payload: state}}
     assert state == %JointState{names: [:right], positions: [1.0]}
   end
 
   test "of several joints the source's own counts", %{robot: robot} do
     start(robot)
     publish(robot, names: [:other, :left], positions: [9.0, 1.0])
-    assert_receive {:bb, @by_path, %{payload: %{positions: [1.0]}}}, 5_000
+    assert_receive {:bb, @by_path, %{payload: %{positions: [1.0]}}}
   end
 
   test "message_types are taken over, others are not", %{robot: robot} do
@@ -88,8 +88,8 @@ defmodule BB.Sensor.MimicTest do
     power = Message.new!(PowerState, :x, voltage: 7.0, current: 1.0)
     BB.publish(robot, [:sensor | @source], power)
     publish(robot, positions: [1.0])
-    assert_receive {:bb, @by_path, %{frame_id: :right, payload: %PowerState{voltage: 7.0}}}, 5_000
-    assert_receive {:bb, @mirror, %{payload: %JointState{}}}, 5_000
+    assert_receive {:bb, @by_path, %{frame_id: :right, payload: %PowerState{voltage: 7.0}}}
+    assert_receive {:bb, @mirror, %{payload: %JointState{}}}
     refute_received {:bb, @mirror, %{payload: %PowerState{}}}
   end
 
@@ -98,7 +98,7 @@ defmodule BB.Sensor.MimicTest do
     :ok = BB.Parameter.set(robot, [:coupling], -1.0)
     _ = BB.call(robot, :mirror, :settled)
     publish(robot, positions: [1.0])
-    assert_receive {:bb, @mirror, %{payload: %{positions: [-0.5]}}}, 5_000
+    assert_receive {:bb, @mirror, %{payload: %{positions: [-0.5]}}}
     _ = BB.call(robot, :mirror, :settled)
     refute_received {:bb, @mirror, _}
   end

@@ -7,7 +7,7 @@ defmodule BB.Sensor.Mpu6050InARobotTest do
   alias BB.Message.Sensor.{Imu, Status}
 
   @bus "i2c-mpu-in-a-robot"
-  @patience_ms 10_000
+  @patience_ms 60_000
 
   defmodule Robot do
     use BB

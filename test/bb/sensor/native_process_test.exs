@@ -12,7 +12,7 @@ defmodule BB.Sensor.NativeProcessTest do
 
   # A robot whose one sensor is a shell script; `marker` tells its processes from others'.
   defp shell_robot(script, opts \\ []) do
-    marker = "marker-#{System.unique_integer([:positive])}"
+    marker = BB.Test.Run.unique("marker")
     opts = [program: "sh", args: ["-c", script, marker]] ++ opts
 
     robot =
@@ -83,14 +83,12 @@ defmodule BB.Sensor.NativeProcessTest do
     kill_9(os_pid)
 
     assert_receive {:bb, [:sensor_status, :shell],
-                    %{payload: %Status{state: :backoff, reason: reason, retry_in_ms: ms}}},
-                   5000
+                    %{payload: %Status{state: :backoff, reason: reason, retry_in_ms: ms}}}
 
     assert inspect(reason) =~ "exit_status, 137"
     assert ms <= 100
 
-    assert_receive {:bb, [:sensor_status, :shell], %{payload: %Status{state: :up, restarts: 1}}},
-                   5000
+    assert_receive {:bb, [:sensor_status, :shell], %{payload: %Status{state: :up, restarts: 1}}}
 
     assert [new] = eventually(fn -> guarded_program(marker) end)
     assert new != os_pid

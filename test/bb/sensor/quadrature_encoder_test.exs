@@ -78,7 +78,7 @@ defmodule BB.Sensor.QuadratureEncoderTest do
     :ok = Lines.tell(bench.chip, :encoder, {:velocity, 31.4})
     pass(bench, 2, pid)
     reason = {:one_line, {bench.chip, 5}, {bench.chip, 6}}
-    assert_receive {:DOWN, ^monitor, _, _, {:shutdown, ^reason}}, 10_000
+    assert_receive {:DOWN, ^monitor, _, _, {:shutdown, ^reason}}
   end
 
   test "a storm on one line stops it", bench do
@@ -87,7 +87,7 @@ defmodule BB.Sensor.QuadratureEncoderTest do
     :ok = Lines.fault({bench.chip, 5}, {:storm, 20_000})
     pass(bench, 0.1, pid)
     reason = {:one_line, {bench.chip, 5}, {bench.chip, 6}}
-    assert_receive {:DOWN, ^monitor, _, _, {:shutdown, ^reason}}, 10_000
+    assert_receive {:DOWN, ^monitor, _, _, {:shutdown, ^reason}}
   end
 
   test "lines that were taken away stop it with the third reading", bench do
@@ -96,7 +96,7 @@ defmodule BB.Sensor.QuadratureEncoderTest do
     :ok = Lines.fault({bench.chip, 6}, :busy)
     pass(bench, 0.06, pid)
     lost = {:line_lost, [{bench.chip, 5}, {bench.chip, 6}]}
-    assert_receive {:DOWN, ^monitor, _, _, {:shutdown, ^lost}}, 10_000
+    assert_receive {:DOWN, ^monitor, _, _, {:shutdown, ^lost}}
     assert published() == []
   end
 
@@ -135,8 +135,7 @@ defmodule BB.Sensor.QuadratureEncoderTest do
 
   defp await_position(fun) do
     assert_receive {:bb, [:sensor, :base, :wheel, :encoder],
-                    %{frame_id: :wheel, payload: %JointState{names: [:wheel], positions: [p]}}},
-                   10_000
+                    %{frame_id: :wheel, payload: %JointState{names: [:wheel], positions: [p]}}}
 
     if fun.(p), do: p, else: await_position(fun)
   end

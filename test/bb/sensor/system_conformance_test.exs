@@ -23,7 +23,7 @@ defmodule BB.Sensor.SystemConformanceTest do
 
     @impl true
     def start(setting, name, _clock) do
-      root = Path.join(System.tmp_dir!(), "#{name}-#{System.pid()}")
+      root = Path.join(System.tmp_dir!(), BB.Test.Run.unique(name))
       for {file, text} <- setting.device, do: put(root, file, text)
       {:ok, owner} = GenServer.start_link(__MODULE__, root)
       {owner, %{root: root, files: setting.device}}

@@ -46,7 +46,7 @@ defmodule BB.Sensor.Conformance.Setting do
     :faults,
     new_options: [],
     unseen: [],
-    patience_ms: 15_000
+    patience_ms: 30_000
   ]
 
   @doc "The setting of these options; a mistake in them raises `ArgumentError`."

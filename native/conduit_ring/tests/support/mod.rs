@@ -2,28 +2,28 @@
 //! view of a segment with which legacy peers and damage are made.
 #![allow(dead_code)]
 
+pub mod run;
+
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader};
 use std::ops::Deref;
 use std::os::fd::AsRawFd;
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::ptr;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::*};
+use std::sync::atomic::{AtomicU32, AtomicU64};
 use std::time::Duration;
 
 use conduit_ring::{Read, Subscriber, Topic};
 
 /// Longer than anything here takes: only a failing test waits so long.
-pub const LONG: Duration = Duration::from_secs(20);
+pub const LONG: Duration = Duration::from_secs(60);
 
 /// A topic of a name of its own, whose file is removed afterwards.
 pub struct Scratch(Topic);
 
 impl Scratch {
     pub fn new() -> Scratch {
-        static COUNT: AtomicU32 = AtomicU32::new(0);
-        let n = COUNT.fetch_add(1, Relaxed);
-        Scratch(Topic::new(&format!("test-{}-{n}", std::process::id())).unwrap())
+        Scratch(Topic::new(&run::unique("ring")).unwrap())
     }
 }
 

@@ -1,12 +1,14 @@
 //! Compilers, what they build, and the processes that run it.
 
+#[path = "../../../conduit_ring/tests/support/run.rs"]
+mod run;
+
 use std::ffi::OsStr;
 use std::fs;
 use std::io::{self, BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, ExitStatus, Output, Stdio};
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use conduit_ring::Topic;
@@ -334,9 +336,7 @@ pub struct TestTopic(pub Topic);
 
 impl TestTopic {
     pub fn new() -> TestTopic {
-        static N: AtomicU32 = AtomicU32::new(0);
-        let n = N.fetch_add(1, Ordering::Relaxed);
-        TestTopic(Topic::new(&format!("capi-{}-{n}", std::process::id())).unwrap())
+        TestTopic(Topic::new(&run::unique("c")).unwrap())
     }
 
     pub fn name(&self) -> &str {

@@ -1,9 +1,11 @@
 //! What the tests share: topics of a name of their own, child processes that publish or subscribe, and the program itself.
 #![allow(dead_code)]
 
+#[path = "../../../conduit_ring/tests/support/run.rs"]
+mod run;
+
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
-use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -23,10 +25,8 @@ pub struct Scratch {
 
 impl Scratch {
     pub fn new() -> Scratch {
-        static COUNT: AtomicU32 = AtomicU32::new(0);
-        let n = COUNT.fetch_add(1, Ordering::Relaxed);
         Scratch {
-            prefix: format!("test-ganglion-{}-{n}-", std::process::id()),
+            prefix: run::unique("cli."),
             turn: None,
         }
     }

@@ -1,5 +1,8 @@
 //! Programs under test, and the ring topics by which they are watched. Shared by the tests of all programs.
 
+#[path = "../../../conduit_ring/tests/support/run.rs"]
+mod run;
+
 use conduit_ring::{Meta, Read, Subscriber, SubscriberOptions, Topic};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc;
@@ -101,7 +104,7 @@ pub fn call(program: &str, arguments: &[&str]) -> Ended {
 
 /// A topic that no other test has.
 pub fn unique_topic(name: &str) -> Topic {
-    Topic::new(&format!("test.{}.{name}", std::process::id())).expect("a topic name")
+    Topic::new(&run::unique(name)).expect("a topic name")
 }
 
 /// Subscribes to all messages of a topic, which need not exist yet.

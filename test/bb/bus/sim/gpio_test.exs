@@ -20,7 +20,7 @@ defmodule BB.Bus.Sim.GPIOTest do
   # Runs in a process that then ends, and waits until the chip has seen that.
   defp elsewhere(fun) do
     task = Task.async(fun)
-    Task.await(task)
+    Task.await(task, :infinity)
   end
 
   describe "opening" do

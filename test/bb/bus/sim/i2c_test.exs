@@ -73,7 +73,10 @@ defmodule BB.Bus.Sim.I2CTest do
     {:ok, other} = I2C.open(name)
     assert I2C.close(bus) == :ok
     assert I2C.close(bus) == :ok
-    assert Task.await(Task.async(fn -> I2C.read(bus, 0x42, 1) end)) == {:error, {:errno, 9}}
+
+    assert Task.await(Task.async(fn -> I2C.read(bus, 0x42, 1) end), :infinity) ==
+             {:error, {:errno, 9}}
+
     assert I2C.write(bus, 0x42, <<1>>) == {:error, {:errno, 9}}
     assert I2C.read(other, 0x42, 1) == {:ok, <<0>>}
   end
@@ -106,7 +109,7 @@ defmodule BB.Bus.Sim.I2CTest do
     answers =
       1..50
       |> Enum.map(fn _ -> Task.async(fn -> I2C.read(bus, 0x42, 2) end) end)
-      |> Task.await_many()
+      |> Task.await_many(:infinity)
 
     assert Enum.sort(answers) == for(n <- 0..49, do: {:ok, <<n, n>>})
   end

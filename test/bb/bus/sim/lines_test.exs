@@ -98,7 +98,7 @@ defmodule BB.Bus.Sim.LinesTest do
     listen!(chip, 4)
     at_ns = Clock.now_ns(:real) + 2 * @ms
     :ok = Lines.drive({chip, 4}, 1, at_ns: at_ns)
-    assert_receive {:circuits_gpio, {^chip, 4}, ^at_ns, 1}, 10_000
+    assert_receive {:circuits_gpio, {^chip, 4}, ^at_ns, 1}
   end
 
   describe "a device" do

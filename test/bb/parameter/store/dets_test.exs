@@ -45,7 +45,7 @@ defmodule BB.Parameter.Store.DetsTest do
     writer = Process.whereis(Module.concat(robot, ParameterOwner))
     ref = Process.monitor(writer)
     Process.exit(writer, :kill)
-    assert_receive {:DOWN, ^ref, _, _, _}, 5_000
+    assert_receive {:DOWN, ^ref, _, _, _}
     stop_supervised!(robot)
     start_supervised!(robot)
     assert Parameter.get!(robot, [:gain]) == 2.0

@@ -11,13 +11,11 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
 
   doctest BB.Sensor.Mpu6050.DataReady
 
-  @moduletag timeout: 120_000
-
   @ms 1_000_000
 
   # On the machine's clock, so slow that the FIFO has room for a machine that stands still for seconds: a sample each 50 ms.
   @slow [rate: 20, filter: 5]
-  @patience_ms 10_000
+  @patience_ms 60_000
 
   setup context do
     name = "mpu-int-#{System.unique_integer([:positive])}"
@@ -75,7 +73,7 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
     passing = Task.async(fn -> pass(context.robot) end)
     pid = start!(context, opts)
     send(passing.pid, :stop)
-    :ok = Task.await(passing)
+    :ok = Task.await(passing, :infinity)
     :sys.get_state(pid)
     pid
   end
@@ -141,12 +139,12 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
     end
 
     test "none is lost on the machine's clock, and the times are those of Erlang", context do
+      before_ns = System.monotonic_time(:nanosecond)
       start!(context, [fifo: true] ++ @slow)
       messages = for _ <- 1..30, do: receive_imu()
       assert steps_by?(messages, 50)
-      now_ns = System.monotonic_time(:nanosecond)
-      assert_in_delta List.last(messages).monotonic_time, now_ns, 5.0e9
       times = Enum.map(messages, & &1.monotonic_time)
+      assert List.last(times) in before_ns..System.monotonic_time(:nanosecond)
       assert times == Enum.sort(times) and times == Enum.uniq(times)
     end
 
