@@ -2,7 +2,7 @@
 
 mod support;
 
-use serde_json::json;
+use serde_json::{Value, json};
 use support::{Helper, Scratch, Watcher, run};
 
 #[test]
@@ -33,9 +33,11 @@ fn hz_goes_on_when_its_publisher_is_killed_and_started_again_and_says_so() {
     first.kill();
     hz.json_with(|line| line["event"] == "publisher_down");
     hz.json_with(|line| line["event"] == "hz" && line["publisher"] == "down");
-    let silent = hz.json_with(|line| line["rate_hz"] == 0.0);
+    // Longer than the machine keeps a publisher from publishing.
+    let long = |line: &Value| line["silent_s"].as_f64().is_some_and(|s| s > 3.0);
+    let silent = hz.json_with(long);
+    assert_eq!(silent["rate_hz"], json!(0.0));
     assert_eq!(silent["mean_ms"], json!(null));
-    assert!(silent["silent_s"].as_f64().unwrap() > 0.5);
 
     let second = Helper::start("publish", &topic);
     let up = hz.json_with(|line| line["event"] == "publisher_up");
@@ -46,7 +48,7 @@ fn hz_goes_on_when_its_publisher_is_killed_and_started_again_and_says_so() {
     assert_eq!(up["epoch"], 1);
     let line = hz.json_with(|line| line["event"] == "hz" && line["mean_ms"].is_f64());
     assert!(
-        line["max_ms"].as_f64().unwrap() < 900.0,
+        line["max_ms"].as_f64().unwrap() < 3000.0,
         "the pause is no period: {line}"
     );
     assert_eq!(hz.interrupt().code(), Some(0));
@@ -113,29 +115,29 @@ fn bw_tells_bytes_a_second_and_sizes() {
         "--json",
     ]);
     assert_eq!((answer.status, answer.stderr.as_str()), (Some(0), ""));
-    let lines = answer.json();
-    assert_eq!(lines.len(), 2);
-    for line in &lines {
-        assert_eq!(
-            (&line["event"], &line["min_bytes"]),
-            (&json!("bw"), &json!(8))
-        );
-        assert_eq!(
-            (&line["mean_bytes"], &line["max_bytes"]),
-            (&json!(8.0), &json!(8))
-        );
-        let messages = line["messages_per_s"].as_f64().unwrap();
-        let bytes = line["bytes_per_s"].as_f64().unwrap();
-        assert!(
-            messages > 0.0 && (bytes - 8.0 * messages).abs() < 1.0,
-            "{line}"
-        );
-    }
-    let text = run(&["bw", topic.name(), "--every", "0.2", "--count", "1"]).stdout;
+    assert_eq!(answer.json().len(), 2);
+
+    let mut bw = Watcher::start(&["bw", topic.name(), "--every", "0.3", "--json"]);
+    let line = bw.json_with(|line| line["messages_per_s"].as_f64() > Some(0.0));
+    assert_eq!(
+        (&line["event"], &line["min_bytes"]),
+        (&json!("bw"), &json!(8))
+    );
+    assert_eq!(
+        (&line["mean_bytes"], &line["max_bytes"]),
+        (&json!(8.0), &json!(8))
+    );
+    let messages = line["messages_per_s"].as_f64().unwrap();
+    let bytes = line["bytes_per_s"].as_f64().unwrap();
+    assert!((bytes - 8.0 * messages).abs() < 1.0, "{line}");
+    assert_eq!(bw.interrupt().code(), Some(0));
+    let mut bw = Watcher::start(&["bw", topic.name(), "--every", "0.2"]);
+    let text = bw.line_with(|line| line.contains("size mean"));
     assert!(
         text.contains("B/s") && text.contains("size mean 8  min 8  max 8 B"),
         "{text}"
     );
+    assert_eq!(bw.interrupt().code(), Some(0));
 }
 
 #[test]
@@ -143,24 +145,14 @@ fn latency_tells_percentiles_in_order() {
     let scratch = Scratch::new();
     let topic = scratch.topic("a");
     let _publisher = Helper::start("publish", &topic);
-    let answer = run(&[
-        "latency",
-        topic.name(),
-        "--every",
-        "0.5",
-        "--count",
-        "1",
-        "--json",
-    ]);
-    assert_eq!((answer.status, answer.stderr.as_str()), (Some(0), ""));
-    let line = &answer.json()[0];
+    let mut latency = Watcher::start(&["latency", topic.name(), "--every", "0.5", "--json"]);
+    let line = latency.json_with(|line| line["window_messages"].as_u64() > Some(0));
     assert_eq!(line["event"], "latency");
     let [p50, p99, max] = ["p50_us", "p99_us", "max_us"].map(|name| line[name].as_f64().unwrap());
     assert!(0.0 < p50 && p50 <= p99 && p99 <= max, "{line}");
-    assert!(line["window_messages"].as_u64().unwrap() > 0);
-    let text = run(&["latency", topic.name(), "--every", "0.2", "--count", "1"]).stdout;
-    assert!(
-        text.starts_with("p50 ") && text.contains("  p99 ") && text.contains("  max "),
-        "{text}"
-    );
+    assert_eq!(latency.interrupt().code(), Some(0));
+    let mut latency = Watcher::start(&["latency", topic.name(), "--every", "0.2"]);
+    let text = latency.line_with(|line| line.starts_with("p50 "));
+    assert!(text.contains("  p99 ") && text.contains("  max "), "{text}");
+    assert_eq!(latency.interrupt().code(), Some(0));
 }
