@@ -50,14 +50,15 @@ defmodule BB.Sensor do
   Each change is published as `BB.Message.Sensor.Status` on `[:sensor_status | path]`, set or cleared as the OTP alarm
   `{BB.Sensor, robot, path}`, and visible in `health/1`.
 
-  Never publish an old reading as a new one. When the device stops answering, publish nothing; with `max_silence` in the
-  robot's declaration the sensor is then `:stale`.
+  Never publish an old reading as a new one. When the device stops answering, publish nothing;
+  with `max_silence` in the robot's declaration the sensor is then `:stale`. A sensor whose work
+  does not show in messages on its own path says by `beat/0` that it is well.
   """
 
   use BB.Component.Kind, word: :sensor
 
   alias BB.{Message, Parameter, PubSub, Transmission}
-  alias BB.Component.{Health, Reason}
+  alias BB.Component.{Health, Pulse, Reason}
   alias BB.Message.Sensor.JointState
   alias BB.Sensor.SensorProfile
 
@@ -85,6 +86,26 @@ defmodule BB.Sensor do
   """
   @spec explain(module(), reason :: term()) :: String.t()
   def explain(module, reason), do: Reason.words(reason, module)
+
+  @doc """
+  Says, in the sensor's own process, that it is well: it did what `max_silence` asks for.
+
+  For what publishes elsewhere than on its own path, as an outlet does. `time_ns` is the monotonic
+  time.
+  """
+  @spec beat(integer()) :: :ok
+  def beat(time_ns \\ System.monotonic_time(:nanosecond)), do: Pulse.beat(time_ns)
+
+  @doc "How long the sensor of the calling process may be silent, in nanoseconds; `nil` for ever."
+  @spec max_silence_ns() :: pos_integer() | nil
+  defdelegate max_silence_ns, to: Pulse
+
+  @doc """
+  Says, in the sensor's own process, how many milliseconds its `terminate/2` may take, 5000 by
+  default: its end is waited for so long before it is killed.
+  """
+  @spec shut_down_within(non_neg_integer()) :: :ok
+  defdelegate shut_down_within(ms), to: Pulse
 
   @doc "Publishes a sensor's message on its path, `[:sensor | path]`."
   @spec publish(bb(), Message.t()) :: :ok

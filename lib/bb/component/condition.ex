@@ -6,8 +6,9 @@ defmodule BB.Component.Condition do
 
     * `:starting` - since the robot was started its first `init` has not returned
     * `:up` - it runs
-    * `:stale` - it runs but is silent: it published nothing for its `max_silence`, or its `init` does not return. It is left alone:
-      only it can know whether its device is merely slow, and a process that hangs in a callback is up again with its next message
+    * `:stale` - it runs but is silent: it published or carried nothing for its `max_silence`, or
+      its `init` does not return. It is left alone: only it can know whether its device is merely
+      slow, and a process that hangs in a callback is up again with its next message
     * `:backoff` - it went down and is started again after `retry_in_ms`; so until its `init` has returned `{:ok, …}`
     * `:ignored` - its `init` returned `:ignore`; it is not started again
   """

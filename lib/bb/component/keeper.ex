@@ -11,17 +11,23 @@ defmodule BB.Component.Keeper do
   telemetry event `[:bb, :sensor, :status]`, logs, and renews its row in `health/2` (for other kinds of components their
   word stands in the place of `sensor`).
 
-  A component with a `max_silence` has its messages watched: the keeper subscribes to their path.
+  A component with a `max_silence` is looked after when that has passed since it was heard of last
+  (`BB.Component.Hearing`); while it is silent, several times in that span. The keeper gets none
+  of its messages.
   """
 
   use GenServer
 
   alias BB.Component
-  alias BB.Component.{Announcer, Condition, Health, Server}
+  alias BB.Component.{Announcer, Condition, Health, Hearing, Pulse, Server}
 
   @init_timeout_ms 5_000
-  @shutdown_ms 5_000
   @attach_ms 10
+
+  # How often a silent component is looked after: so often in its max_silence, within these
+  # bounds.
+  @looks 4
+  @looks_ms 5..250
 
   @enforce_keys [:robot, :component, :condition]
   defstruct [
@@ -31,7 +37,8 @@ defmodule BB.Component.Keeper do
     :server,
     :predecessor,
     :watch,
-    :heard_ns,
+    :pulse,
+    :hearing,
     ready?: false,
     stopping?: false
   ]
@@ -90,7 +97,7 @@ defmodule BB.Component.Keeper do
   def handle_info({Server, pid, :up}, %{server: pid} = keeper) do
     now_ns = now_ns()
 
-    %{keeper | ready?: true, heard_ns: now_ns}
+    %{keeper | ready?: true, hearing: listen(keeper, now_ns)}
     |> become(Condition.up(keeper.condition, now_ns))
     |> watch_silence(now_ns)
     |> noreply()
@@ -117,8 +124,6 @@ defmodule BB.Component.Keeper do
   def handle_info({:DOWN, ref, :process, _pid, _reason}, %{predecessor: ref} = keeper),
     do: %{keeper | predecessor: nil} |> start() |> noreply()
 
-  def handle_info({:bb, _path, _message}, keeper), do: keeper |> heard(now_ns()) |> noreply()
-
   def handle_info({:timeout, watch, :watch}, %{watch: watch} = keeper),
     do: %{keeper | watch: nil} |> check_silence(now_ns()) |> noreply()
 
@@ -135,6 +140,8 @@ defmodule BB.Component.Keeper do
   # Starting
 
   defp start(keeper) do
+    keeper = %{keeper | pulse: Pulse.new(keeper.component.max_silence_ns)}
+
     case start_server(keeper) do
       {:ok, pid} ->
         %{keeper | server: pid, ready?: false, stopping?: false}
@@ -151,12 +158,13 @@ defmodule BB.Component.Keeper do
     end
   end
 
-  defp start_server(%{robot: robot, component: component}) do
+  defp start_server(%{robot: robot, component: component, pulse: pulse}) do
     Server.start_link(
       [
         __callback_module__: component.module,
         __kind__: component.kind,
         __keeper__: self(),
+        __pulse__: pulse,
         bb: %{robot: robot, path: component.path}
       ] ++ component.options
     )
@@ -181,12 +189,21 @@ defmodule BB.Component.Keeper do
     become(keeper, condition)
   end
 
-  # Terminating by a message runs terminate/2 in a process that does not trap exits; init has nothing to terminate yet.
+  # Terminating by a message runs terminate/2 in a process that does not trap exits; init has
+  # nothing to terminate yet.
   defp stop_server(%{server: nil}), do: :ok
-  defp stop_server(%{server: pid, ready?: false}), do: kill(pid)
 
-  defp stop_server(%{server: pid}) do
-    GenServer.stop(pid, :shutdown, @shutdown_ms)
+  # What has just come up may hold something that only terminate/2 gives back.
+  defp stop_server(%{server: pid, ready?: false} = keeper) do
+    receive do
+      {Server, ^pid, :up} -> stop_server(%{keeper | ready?: true})
+    after
+      0 -> kill(pid)
+    end
+  end
+
+  defp stop_server(%{server: pid, pulse: pulse}) do
+    GenServer.stop(pid, :shutdown, Pulse.shutdown_ms(pulse))
   catch
     :exit, _reason -> kill(pid)
   end
@@ -202,11 +219,20 @@ defmodule BB.Component.Keeper do
 
   # Silence
 
-  defp watch_silence(%{component: %{max_silence_ns: nil}} = keeper, _now_ns),
-    do: %{keeper | watch: nil}
+  defp listen(%{component: %{max_silence_ns: nil}}, _now_ns), do: nil
+
+  defp listen(keeper, now_ns),
+    do: Hearing.new(keeper.robot, Component.data_path(keeper.component), keeper.pulse, now_ns)
+
+  defp watch_silence(%{hearing: nil} = keeper, _now_ns), do: %{keeper | watch: nil}
+
+  defp watch_silence(%{condition: %{state: :stale}} = keeper, _now_ns) do
+    often_ms = div(keeper.component.max_silence_ns, @looks * 1_000_000)
+    watch(keeper, often_ms |> max(@looks_ms.first) |> min(@looks_ms.last))
+  end
 
   defp watch_silence(keeper, now_ns) do
-    left_ns = keeper.heard_ns + keeper.component.max_silence_ns - now_ns
+    left_ns = keeper.hearing.heard_ns + keeper.component.max_silence_ns - now_ns
     watch(keeper, max(div(left_ns + 999_999, 1_000_000), 0))
   end
 
@@ -222,24 +248,37 @@ defmodule BB.Component.Keeper do
         Condition.silent(keeper.condition, {:init_timeout, @init_timeout_ms}, now_ns)
       )
 
-  defp check_silence(%{component: %{max_silence_ns: max_ns}} = keeper, now_ns) do
-    if now_ns - keeper.heard_ns >= max_ns do
-      reason = {:silent, div(max_ns, 1_000_000)}
-      become(keeper, Condition.silent(keeper.condition, reason, now_ns))
-    else
-      watch_silence(keeper, now_ns)
-    end
-  end
+  # A watch over its init that was still on its way when it came up.
+  defp check_silence(%{hearing: nil} = keeper, _now_ns), do: keeper
 
-  defp heard(%{ready?: true, condition: %{state: :stale}} = keeper, now_ns) do
-    %{keeper | heard_ns: now_ns}
-    |> become(Condition.heard(keeper.condition, now_ns))
+  defp check_silence(keeper, now_ns) do
+    hearing = Hearing.look(keeper.hearing, now_ns)
+
+    %{keeper | hearing: hearing}
+    |> become_if_changed(judge(keeper, hearing, now_ns))
     |> watch_silence(now_ns)
   end
 
-  defp heard(keeper, now_ns), do: %{keeper | heard_ns: now_ns}
+  # What is stale is up with its next message, be that old when it is found: then it is stale
+  # again at once.
+  defp judge(
+         %{condition: %{state: :stale}, hearing: %{heard_ns: before_ns}} = keeper,
+         hearing,
+         now_ns
+       )
+       when hearing.heard_ns > before_ns,
+       do: Condition.heard(keeper.condition, now_ns)
+
+  defp judge(%{condition: condition, component: %{max_silence_ns: max_ns}}, hearing, now_ns) do
+    if now_ns - hearing.heard_ns >= max_ns,
+      do: Condition.silent(condition, {:silent, div(max_ns, 1_000_000)}, now_ns),
+      else: Condition.heard(condition, now_ns)
+  end
 
   # Telling
+
+  defp become_if_changed(%{condition: condition} = keeper, condition), do: keeper
+  defp become_if_changed(keeper, condition), do: become(keeper, condition)
 
   defp become(keeper, condition) do
     old = keeper.condition
@@ -252,20 +291,14 @@ defmodule BB.Component.Keeper do
     keeper
   end
 
-  # Its row in the registry and its subscription live as long as registry and bus do.
+  # Its row in the registry lives as long as the registry does.
   defp attach(keeper) do
     %{robot: robot, component: component, condition: condition} = keeper
     if component.retain, do: BB.PubSub.retain(robot, Component.data_path(component))
-    _ = if component.max_silence_ns, do: subscribe(robot, Component.data_path(component))
     registered = Health.register(robot, component, condition, keeper.server)
     if registered == :ok, do: keeper, else: attach_later(keeper)
   rescue
     ArgumentError -> attach_later(keeper)
-  end
-
-  defp subscribe(robot, path) do
-    BB.PubSub.unsubscribe(robot, path)
-    BB.PubSub.subscribe(robot, path)
   end
 
   defp attach_later(keeper) do

@@ -8,6 +8,7 @@ defmodule BB.Component.Server do
     * `:__callback_module__` - the module
     * `:__kind__` - the kind of component, a module with the behaviour `BB.Component`
     * `:__keeper__` - the keeper that starts it, when there is one
+    * `:__pulse__` - what it shares with that keeper (`BB.Component.Pulse`)
     * `:bb` - `%{robot: R, path: path}`
     * all others are the user's options
 
@@ -27,7 +28,7 @@ defmodule BB.Component.Server do
 
   use GenServer
 
-  alias BB.Component.Resolution
+  alias BB.Component.{Pulse, Resolution}
 
   @enforce_keys [:module, :kind, :bb, :resolution]
   defstruct [
@@ -53,6 +54,7 @@ defmodule BB.Component.Server do
   @type report :: {__MODULE__, pid(), :up | {:stopping, term()}}
 
   @start {__MODULE__, :start}
+  @own [:__callback_module__, :__kind__, :__keeper__, :__pulse__, :bb]
 
   @doc "Starts a component and registers it under its name while its robot runs."
   @spec start_link(keyword()) :: GenServer.on_start()
@@ -69,11 +71,12 @@ defmodule BB.Component.Server do
 
   @impl GenServer
   def init(args) do
-    {own, options} = Keyword.split(args, [:__callback_module__, :__kind__, :__keeper__, :bb])
+    {own, options} = Keyword.split(args, @own)
 
     module = Keyword.fetch!(own, :__callback_module__)
     kind = Keyword.fetch!(own, :__kind__)
     bb = Map.take(Keyword.fetch!(own, :bb), [:robot, :path])
+    Pulse.adopt(own[:__pulse__])
 
     server = %__MODULE__{
       module: module,

@@ -75,6 +75,17 @@ defmodule BB.PubSub.Traffic do
   @spec counted(meter()) :: non_neg_integer()
   def counted(meter), do: :atomics.get(meter, 1)
 
+  @doc "The meters of the sources at exactly that path, one for each payload type."
+  @spec meters(Bus.t(), Path.t()) :: [meter()]
+  def meters(bus, path) do
+    sources = :ets.select(bus.traffic, [{{{path, :_}, :_}, [], [:"$_"]}])
+    for {{^path, _type}, meter} <- sources, do: meter
+  end
+
+  @doc "The time of the message that was counted last, of one that has counted some."
+  @spec newest(meter()) :: integer()
+  def newest(meter), do: time(meter, counted(meter))
+
   @doc "Every source and how it fares now, `now` in nanoseconds."
   @spec topics(Bus.t(), integer()) :: [topic()]
   def topics(bus, now) do

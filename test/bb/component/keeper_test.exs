@@ -214,6 +214,61 @@ defmodule BB.Component.KeeperTest do
     end
   end
 
+  describe "a sensor that asks for time to stop" do
+    test "gets it: the robot's end waits" do
+      robot = one_of_three()
+      test = self()
+
+      imu(robot,
+        init: fn opts -> BB.Sensor.shut_down_within(60_000) && {:ok, opts[:bb]} end,
+        terminate: fn _reason, _bb ->
+          Process.sleep(5_500)
+          send(test, :stopped)
+        end
+      )
+
+      start_up(robot)
+      stop_supervised!(robot)
+      assert_received :stopped
+    end
+
+    test "gets no more than that" do
+      robot = one_of_three()
+
+      imu(robot,
+        init: fn opts -> BB.Sensor.shut_down_within(50) && {:ok, opts[:bb]} end,
+        terminate: fn _reason, _bb -> Process.sleep(:infinity) end
+      )
+
+      start_up(robot)
+      ref = Process.monitor(pid(robot, :imu))
+      stop_supervised!(robot)
+      assert_received {:DOWN, ^ref, _, _, :killed}
+    end
+
+    test "gets it too when it has come up in this moment" do
+      robot = one_of_three()
+      test = self()
+
+      imu(robot,
+        init: fn opts ->
+          send(test, {:in_init, self()})
+          receive do: (:go_on -> {:ok, opts[:bb]})
+        end,
+        terminate: fn _reason, _bb -> send(test, :stopped) end
+      )
+
+      start_supervised!(robot)
+      assert_receive {:in_init, sensor}, 5_000
+      keeper = keeper(robot, :imu)
+      :ok = :sys.suspend(keeper)
+      send(sensor, :go_on)
+      eventually(fn -> match?({_, [_ | _]}, Process.info(keeper, :messages)) end)
+      stop_supervised!(robot)
+      assert_received :stopped
+    end
+  end
+
   describe "a keeper that is killed" do
     test "is started again; the old server is gone, and there is only one" do
       robot = start_up(one_of_three())
@@ -318,6 +373,93 @@ defmodule BB.Component.KeeperTest do
       count_on(:first, first_count(:first), 600)
       assert %{state: :up} = health(robot, :first)
       refute_received {:bb, [:sensor_status | _], %{payload: %{state: :stale}}}
+    end
+
+    test "costs the keeper none of the messages" do
+      robot =
+        robot do
+          sensors do
+            sensor :first, BB.Test.Counter, max_silence: ~u(10 second)
+          end
+        end
+
+      start_up(robot, :first)
+      {:ok, _} = BB.subscribe(robot, [:sensor, :first])
+      keeper = keeper(robot, :first)
+      :erlang.trace(keeper, true, [:receive])
+      count_on(:first, first_count(:first), 200)
+      :erlang.trace(keeper, false, [:receive])
+      refute_received {:trace, ^keeper, :receive, _message}
+      assert [{test, []}] = BB.PubSub.subscribers(robot, [:sensor, :first])
+      assert test == self()
+    end
+
+    test "is not passed by a sensor whose messages have times of their own" do
+      for shift_ns <- [-60_000_000_000, 60_000_000_000] do
+        robot =
+          robot do
+            sensors do
+              sensor :imu, BB.Test.Probe, max_silence: ~u(2 second)
+            end
+          end
+
+        imu(robot,
+          init: fn opts -> send(self(), :speak) && {:ok, opts[:bb]} end,
+          handle_info: fn :speak, bb ->
+            time = [monotonic_time: System.monotonic_time(:nanosecond) + shift_ns]
+            BB.Sensor.publish(bb, BB.Message.new!(Counter.Count, :imu, [n: 0], time))
+            Process.send_after(self(), :speak, 20)
+            {:noreply, bb}
+          end
+        )
+
+        start_up(robot)
+        {:ok, _} = BB.subscribe(robot, [:sensor, :imu])
+        # Several times as long as it may be silent.
+        for _ <- 1..250, do: assert_receive({:bb, [:sensor, :imu], _message}, 5_000)
+        assert %{state: :up} = health(robot, :imu)
+        refute_received {:bb, [:sensor_status | _], %{payload: %{state: :stale}}}
+      end
+    end
+
+    test "is about what a sensor says of itself, where it publishes elsewhere" do
+      robot = silent_robot()
+
+      imu(robot,
+        handle_cast: fn :carry, bb ->
+          BB.Sensor.beat()
+          {:noreply, bb}
+        end
+      )
+
+      start_watched(robot, replay: true)
+      assert_status(robot, :imu, %{state: :stale})
+      BB.cast(robot, :imu, :carry)
+      assert_status(robot, :imu, %{state: :up, restarts: 0})
+      assert_status(robot, :imu, %{state: :stale})
+    end
+
+    test "is not passed unseen: found late, a message makes it up, then stale" do
+      robot = speaking(silent_robot())
+      start_supervised!(robot)
+      eventually(fn -> health(robot, :imu).state == :stale end)
+      keeper = keeper(robot, :imu)
+      :ok = :sys.suspend(keeper)
+      for path <- [[:sensor], [:sensor_status]], do: {:ok, _} = BB.subscribe(robot, path)
+      BB.cast(robot, :imu, :speak)
+      assert_receive {:bb, [:sensor, :base, :imu], %{monotonic_time: spoken_ns}}, 5_000
+      late? = fn -> System.monotonic_time(:nanosecond) - spoken_ns > 200_000_000 end
+      eventually(late?)
+      :ok = :sys.resume(keeper)
+      assert_status(robot, :imu, %{state: :up, restarts: 0})
+      assert_status(robot, :imu, %{state: :stale})
+    end
+
+    test "is known to the sensor itself" do
+      robot = silent_robot()
+      imu(robot, handle_call: fn :ask, _, bb -> {:reply, BB.Sensor.max_silence_ns(), bb} end)
+      start_up(robot)
+      assert BB.call(robot, :imu, :ask) == 100_000_000
     end
 
     test "is none of another sensor's" do

@@ -1,0 +1,83 @@
+defmodule BB.Component.Hearing do
+  @moduledoc """
+  When a component was last heard of: by a message on its path, or by its own pulse.
+
+  The keeper reads this when a silence would be too long, from what publishers count anyway
+  (`BB.PubSub.Traffic`). No message comes to the keeper, and none costs more for being watched.
+  """
+
+  alias BB.Component.Pulse
+  alias BB.PubSub.{Bus, Traffic}
+
+  @enforce_keys [:robot, :path, :pulse, :looked_ns, :heard_ns]
+  defstruct [:robot, :path, :pulse, :looked_ns, :heard_ns, meters: [], count: 0]
+
+  @type t :: %__MODULE__{
+          robot: module(),
+          path: [atom(), ...],
+          pulse: Pulse.t(),
+          looked_ns: integer(),
+          heard_ns: integer(),
+          meters: [Traffic.meter()],
+          count: non_neg_integer()
+        }
+
+  @doc "Begins to listen: what was published before does not count."
+  @spec new(module(), [atom(), ...], Pulse.t(), integer()) :: t()
+  def new(robot, path, pulse, now_ns) do
+    meters = find_meters(robot, path)
+
+    %__MODULE__{
+      robot: robot,
+      path: path,
+      pulse: pulse,
+      looked_ns: now_ns,
+      heard_ns: now_ns,
+      meters: meters,
+      count: count(meters)
+    }
+  end
+
+  @doc "Looks what has been heard by now."
+  @spec look(t(), integer()) :: t()
+  def look(hearing, now_ns) do
+    looked = hearing |> hear_messages(now_ns) |> hear_pulse()
+    looked = if looked.heard_ns == hearing.heard_ns, do: look_anew(looked, now_ns), else: looked
+    %{looked | looked_ns: now_ns}
+  end
+
+  # A payload of another type has a meter of its own.
+  defp look_anew(hearing, now_ns),
+    do: hear_messages(%{hearing | meters: find_meters(hearing.robot, hearing.path)}, now_ns)
+
+  defp hear_messages(hearing, now_ns) do
+    case count(hearing.meters) do
+      count when count == hearing.count ->
+        hearing
+
+      count ->
+        stamp_ns = hearing.meters |> Enum.map(&Traffic.newest/1) |> Enum.max(fn -> now_ns end)
+        heard(%{hearing | count: count}, published_ns(hearing, stamp_ns, now_ns))
+    end
+  end
+
+  # A message may be stamped with any time. It was published since the last look, that is certain.
+  defp published_ns(%{looked_ns: looked_ns}, stamp_ns, now_ns),
+    do: if(stamp_ns > looked_ns and stamp_ns <= now_ns, do: stamp_ns, else: now_ns)
+
+  defp hear_pulse(hearing), do: heard(hearing, Pulse.heard_ns(hearing.pulse) || hearing.heard_ns)
+
+  defp heard(hearing, time_ns), do: %{hearing | heard_ns: max(hearing.heard_ns, time_ns)}
+
+  defp count(meters), do: meters |> Enum.map(&Traffic.counted/1) |> Enum.sum()
+
+  defp find_meters(robot, path) do
+    case Bus.fetch(robot) do
+      {:ok, bus} -> Traffic.meters(bus, path)
+      :error -> []
+    end
+  rescue
+    # The bus is being closed.
+    ArgumentError -> []
+  end
+end
