@@ -7,6 +7,17 @@ defmodule BB.DslTest do
 
   alias BB.Test.Probe
 
+  defmodule Judge do
+    use BB.Sensor, options_schema: [answer: [type: :any]]
+
+    @impl BB.Sensor
+    def init(_opts), do: {:ok, nil}
+
+    @impl BB.Sensor
+    def max_silence(answer: :raise), do: raise("no idea")
+    def max_silence(opts), do: opts[:answer]
+  end
+
   describe "a declaration" do
     test "becomes a robot with links, joints and sensors" do
       robot =
@@ -613,6 +624,27 @@ defmodule BB.DslTest do
     test "a value of the wrong type" do
       assert mistake("settings name: \"rover\"").reason ==
                ~s(invalid value for :name option: expected atom, got: "rover")
+    end
+
+    test "a max_silence that its driver says cannot be measured" do
+      declared = fn answer ->
+        """
+        sensors do
+          sensor :s, {BB.DslTest.Judge, answer: #{answer}}, max_silence: ~u(1 second)
+        end
+        """
+      end
+
+      error = mistake(declared.(~s({:error, "it has no topic; name one"})))
+      assert error.reason == "sensor :s: it has no topic; name one"
+      assert error.path == [:sensors, :s]
+
+      for {answer, words} <- [{":yes", "got: :yes"}, {":raise", "(RuntimeError) no idea"}] do
+        assert mistake(declared.(answer)).reason =~ "BB.DslTest.Judge.max_silence/1"
+        assert mistake(declared.(answer)).reason =~ words
+      end
+
+      assert robot(do: sensors(do: sensor(:s, {BB.DslTest.Judge, answer: {:error, "no"}})))
     end
 
     test "a word in the wrong place" do

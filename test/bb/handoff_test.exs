@@ -191,6 +191,77 @@ defmodule BB.HandoffTest do
     end
   end
 
+  describe "max_silence" do
+    @seconds BB.Unit.new!(2, :second)
+
+    defp guarded_robot(module, opts, max_silence) do
+      create(
+        quote do
+          sensors do
+            sensor :carrier, {unquote(module), unquote(opts)},
+              required: true,
+              max_silence: unquote(Macro.escape(max_silence))
+          end
+        end
+      )
+    end
+
+    defp outlet(topic), do: [from: [:sensor, :base_link], topic: topic, encoding: Encoding.Imu]
+
+    defp inlet(topic),
+      do: [topic: topic, encoding: Encoding.TagDetections, to: [:sensor, :camera, :tags]]
+
+    defp carries(BB.Handoff.Outlet, topic) do
+      robot = guarded_robot(BB.Handoff.Outlet, outlet(topic), @seconds)
+      {robot, fn -> BB.publish(robot, @path, imu(1.0)) end}
+    end
+
+    defp carries(BB.Handoff.Inlet, topic) do
+      robot = guarded_robot(BB.Handoff.Inlet, inlet(topic), @seconds)
+      {:ok, publisher} = Publisher.open(topic)
+      {robot, fn -> :ok = Publisher.publish(publisher, Vectors.read!("tags")) end}
+    end
+
+    for module <- [BB.Handoff.Outlet, BB.Handoff.Inlet] do
+      test "of an #{module |> Module.split() |> List.last()} is about what it carries" do
+        {robot, carry} = carries(unquote(module), topic())
+        start_supervised!(robot)
+        {:ok, _} = BB.subscribe(robot, [:sensor_status, :carrier], replay: true)
+        assert_receive {:bb, _, %{payload: %{state: :stale, reason: {:silent, 2_000}}}}, 30_000
+        eventually(fn -> carry.() && health(robot, :carrier).state == :up end, 30_000)
+        {:ok, %{published: before}} = BB.Handoff.stats(robot, :carrier)
+
+        # It stays so for as long as it carries, many times as long as it may be silent.
+        eventually(
+          fn ->
+            carry.()
+            {:ok, %{published: count}} = BB.Handoff.stats(robot, :carrier)
+            count > before + 800
+          end,
+          60_000
+        )
+
+        assert_received {:bb, _, %{payload: %{state: :up, restarts: 0}}}
+        refute_received {:bb, _, %{payload: %{state: :stale}}}
+        assert_receive {:bb, _, %{payload: %{state: :stale}}}, 30_000
+      end
+    end
+
+    test "of an outlet to which nothing comes that it carries is passed" do
+      robot = guarded_robot(BB.Handoff.Outlet, outlet(topic()), @seconds)
+      start_supervised!(robot)
+
+      eventually(
+        fn ->
+          range = [radiation_type: :infrared, field_of_view: 0.1, min_range: 0.0, max_range: 1.0]
+          BB.publish(robot, @path, BB.Message.new!(Range, :front, range ++ [range: 0.5]))
+          health(robot, :carrier).state == :stale
+        end,
+        30_000
+      )
+    end
+  end
+
   test "the counters of one that is down are an error" do
     topic = topic()
     {:ok, _publisher} = Publisher.open(topic)

@@ -15,7 +15,7 @@ defmodule BB.Component.Kind do
       unquote(starting())
       unquote(serving())
 
-      @optional_callbacks disarm: 1, explain: 1, inhibition: 0, rate: 1
+      @optional_callbacks disarm: 1, explain: 1, inhibition: 0, max_silence: 1, rate: 1
 
       @doc false
       defmacro __using__(opts), do: BB.Component.Callbacks.code(__MODULE__, opts)
@@ -82,6 +82,12 @@ defmodule BB.Component.Kind do
       that is not to be said. Health shows it beside what is measured.
       """
       @callback rate(opts :: keyword()) :: number() | nil
+
+      @doc """
+      Whether `max_silence` can be measured with these options, as declared: `:ok`, or why not and
+      what to change. Asked while a robot that declares one compiles; the default is `:ok`.
+      """
+      @callback max_silence(opts :: keyword()) :: :ok | {:error, String.t()}
     end
   end
 

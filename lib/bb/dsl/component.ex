@@ -14,7 +14,8 @@ defmodule BB.Dsl.Component do
 
     * `required` - whether the robot is of no use without it (`false`)
     * `retain` - whether its last message is worth keeping for those who subscribe late (`false`)
-    * `max_silence` - the longest time between two of its messages; a sensor silent for longer is `:stale`
+    * `max_silence` - the longest time between two of its messages, or of what it carries
+      elsewhere; a sensor silent for longer is `:stale`
     * `transmission` - what is between it and the joint that it is attached to: `reduction`, `offset`, `reversed?`
   """
   defmacro sensor(name, child), do: entity(:sensor, [name, child], 2, @sensor, __CALLER__)

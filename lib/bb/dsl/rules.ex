@@ -80,10 +80,13 @@ defmodule BB.Dsl.Rules do
     with :ok <- typed(joint), :ok <- carrying(joint), :ok <- limited(joint), do: in_range(joint)
   end
 
-  def complete(%Node{kind: kind, name: name, child: child})
+  def complete(%Node{kind: kind, name: name, child: child} = node)
       when is_map_key(@behaviours, kind) do
-    with {:error, reason} <- Child.check(child, @behaviours[kind]),
-         do: {:error, "#{kind} #{inspect(name)}: #{reason}"}
+    with :ok <- Child.check(child, @behaviours[kind]), :ok <- measured(node) do
+      :ok
+    else
+      {:error, reason} -> {:error, "#{kind} #{inspect(name)}: #{reason}"}
+    end
   end
 
   def complete(%Node{kind: :param} = node) do
@@ -96,6 +99,35 @@ defmodule BB.Dsl.Rules do
   end
 
   def complete(_node), do: :ok
+
+  # A component without a word on it is measured by the messages on its path.
+  defp measured(%{fields: %{max_silence: _}, child: child}) do
+    {:ok, module, options} = Child.parse(child)
+
+    if Code.ensure_loaded?(module) and function_exported?(module, :max_silence, 1),
+      do: ask(module, options),
+      else: :ok
+  end
+
+  defp measured(_node), do: :ok
+
+  defp ask(module, options) do
+    case module.max_silence(options) do
+      :ok ->
+        :ok
+
+      {:error, reason} when is_binary(reason) ->
+        {:error, reason}
+
+      other ->
+        {:error, mistaken(module, "expected :ok or {:error, text}, got: #{inspect(other)}")}
+    end
+  catch
+    kind, reason -> {:error, mistaken(module, Exception.format_banner(kind, reason))}
+  end
+
+  defp mistaken(module, what),
+    do: "#{inspect(module)}.max_silence/1: #{what}; mend it, or remove max_silence"
 
   @doc "The parameters that a robot's declaration has, by their paths."
   @spec definitions(Node.t()) :: %{BB.Parameter.path() => Definition.t()}

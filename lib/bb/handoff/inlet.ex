@@ -32,6 +32,9 @@ defmodule BB.Handoff.Inlet do
   `BB.Handoff.stats/2` gives `%{published: n, lost: n, malformed: n}`: `lost` counts what the ring overwrote before it was read; a message
   that does not decode is counted as malformed, and the first of a row is logged.
 
+  `max_silence` is about what it carries, wherever `to:` leads: an inlet is `:stale` when it has
+  published nothing for so long.
+
   ## Options
 
   #{BB.Options.docs(@schema)}
@@ -100,6 +103,7 @@ defmodule BB.Handoff.Inlet do
     case state.encoding.decode(data) do
       {:ok, message} ->
         :ok = BB.publish(state.robot, state.to, message)
+        :ok = BB.Sensor.beat()
         %{state | published: state.published + 1, decodes?: true}
 
       {:error, reason} ->

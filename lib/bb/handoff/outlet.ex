@@ -38,6 +38,9 @@ defmodule BB.Handoff.Outlet do
   `BB.Handoff.stats/2` gives `%{published: n, too_large: n, held: n}`. A message longer than a slot is counted, and the first one is logged. `held` counts
   the messages that were dropped since a subscriber held the slot.
 
+  `max_silence` is about what it carries: an outlet is `:stale` when it has published nothing on
+  its topic for so long.
+
   When the ring refuses (`{:ring, reason}`, see `BB.Ring`), for example since another publisher lives, the outlet goes down and comes back by
   backoff as any sensor does.
 
@@ -76,7 +79,7 @@ defmodule BB.Handoff.Outlet do
   @impl BB.Sensor
   def handle_info({:bb, _path, message}, state) do
     case Publisher.publish(state.publisher, state.encoding.encode(message)) do
-      :ok -> {:noreply, %{state | published: state.published + 1}}
+      :ok -> {:noreply, count_published(state)}
       {:error, :message_too_large} -> {:noreply, count_too_large(state)}
       {:error, :slot_held} -> {:noreply, %{state | held: state.held + 1}}
       {:error, reason} -> {:stop, {:shutdown, {:ring, reason}}, state}
@@ -103,6 +106,11 @@ defmodule BB.Handoff.Outlet do
       slot_size: opts[:slot_size],
       content: opts[:encoding].content()
     )
+  end
+
+  defp count_published(state) do
+    :ok = BB.Sensor.beat()
+    %{state | published: state.published + 1}
   end
 
   defp count_too_large(%{too_large: count} = state) do

@@ -6,7 +6,7 @@ defmodule BB.Message.Sensor.Status do
 
     * `:up` - it runs
     * `:backoff` - it went down, for `reason`, and is started again in `retry_in_ms` milliseconds
-    * `:stale` - it runs, but has published nothing for longer than its `max_silence`
+    * `:stale` - it runs, but has published or carried nothing for longer than its `max_silence`
     * `:ignored` - it declined to start (`:ignore`), and is not started again
   """
 
