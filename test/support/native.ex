@@ -30,6 +30,14 @@ defmodule BB.Test.Native do
   @doc "Whether there is such a process, and it is more than an entry that nobody has collected yet."
   def running?(os_pid), do: match?(%{^os_pid => %{state: state}} when state != "Z", table())
 
+  @doc "The state of a process as the kernel gives it: R, S, T, …; `nil` when there is none."
+  def state(os_pid) do
+    with %{^os_pid => %{state: state}} <- table(), do: state, else: (_ -> nil)
+  end
+
+  @doc ~S[Sends a signal to a process: `signal("STOP", os_pid)`.]
+  def signal(name, os_pid), do: {_, 0} = System.cmd("kill", ["-s", name, to_string(os_pid)])
+
   defp table do
     for entry <- File.ls!("/proc"),
         entry =~ ~r/\A\d+\z/,

@@ -1,8 +1,8 @@
 //! The guarded program, from its start to the end of its last descendant.
 
-use std::io;
+use std::io::{self, PipeReader, PipeWriter, Read};
 use std::os::fd::{AsFd, BorrowedFd};
-use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::os::unix::process::CommandExt;
 use std::process::{ExitCode, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
@@ -10,50 +10,59 @@ use nix::errno::Errno;
 use nix::libc;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::prctl;
-use nix::sys::signal::{SigSet, Signal, kill, killpg};
+use nix::sys::signal::{Signal, kill, killpg};
 use nix::sys::signalfd::{SfdFlags, SignalFd};
-use nix::sys::wait::{WaitPidFlag, WaitStatus, waitpid};
-use nix::unistd::{Pid, getppid};
+use nix::unistd::{self, Pid, getppid};
 
+use crate::limiter::Limiter;
+use crate::lines::Cutter;
 use crate::options::Command;
+use crate::output::{Requests, Speech};
+use crate::process::{self, Change};
 
-/// How often the guard looks whether the last adopted descendant is gone.
-const REAP_PERIOD: Duration = Duration::from_millis(2);
+/// How long a supervisor that reads nothing may hold up the guard's end. Nothing else is left by
+/// then.
+const LAST_WORDS: Duration = Duration::from_secs(10);
+
+/// What a pipe with any room takes without waiting.
+const PIPE_BUF: usize = 4096;
+
+/// How much may be encoded ahead of what the supervisor has read.
+const AHEAD: usize = 16 * 1024;
 
 /// Runs `command` to its end and gives its exit status as the guard's own.
 pub fn run(command: &Command) -> io::Result<ExitCode> {
+    prctl::set_name(c"process_guard")?;
     prctl::set_child_subreaper(true)?;
-    let signals = watch_signals()?;
-    let program = spawn(command)?;
-    let status = supervise(program, &signals, command.grace)?;
-    kill_descendants(program);
-    Ok(ExitCode::from(shell_status(status)))
+    let signals = process::block_signals()?;
+    let signals = SignalFd::with_flags(&signals, SfdFlags::SFD_CLOEXEC | SfdFlags::SFD_NONBLOCK)?;
+    // SAFETY: a system call on a number alone. Giving way is always allowed; the program inherits
+    // it.
+    unsafe { libc::nice(command.nice) };
+    let (printed, printer) = io::pipe()?;
+    let program = spawn(command, printer)?;
+    let mut guard = Guard::new(command, program, signals, printed);
+    let status = guard.supervise()?;
+    signal_group(program, Signal::SIGKILL);
+    process::kill_children();
+    guard.tell_the_rest();
+    // A watch that is halted could not end.
+    let _ = kill(getppid(), Signal::SIGCONT);
+    Ok(ExitCode::from(process::shell_status(status)))
 }
 
-/// The signals are read from a descriptor, in the same wait as standard input: nothing can come between.
-fn watch_signals() -> nix::Result<SignalFd> {
-    let mut set = SigSet::empty();
-    for signal in [
-        Signal::SIGCHLD,
-        Signal::SIGTERM,
-        Signal::SIGINT,
-        Signal::SIGHUP,
-    ] {
-        set.add(signal);
-    }
-    set.thread_block()?;
-    SignalFd::with_flags(&set, SfdFlags::SFD_CLOEXEC | SfdFlags::SFD_NONBLOCK)
-}
-
-fn spawn(command: &Command) -> io::Result<Pid> {
-    let (guard, nice) = (Pid::this(), command.nice);
+fn spawn(command: &Command, printer: PipeWriter) -> io::Result<Pid> {
+    let guard = Pid::this();
     let mut program = std::process::Command::new(&command.program);
     program
         .args(&command.arguments)
         .stdin(Stdio::null())
+        .stdout(printer.try_clone()?)
+        .stderr(printer)
         .process_group(0);
-    // SAFETY: the closure runs between fork and exec and makes only async-signal-safe system calls.
-    unsafe { program.pre_exec(move || prepare(guard, nice)) };
+    // SAFETY: the closure runs between fork and exec and makes only async-signal-safe system
+    // calls.
+    unsafe { program.pre_exec(move || process::follow(guard, Signal::SIGKILL)) };
     let child = program.spawn().map_err(|error| {
         io::Error::new(
             error.kind(),
@@ -63,135 +72,258 @@ fn spawn(command: &Command) -> io::Result<Pid> {
     Ok(Pid::from_raw(child.id().cast_signed()))
 }
 
-/// In the program's process, before it becomes the program: it is to die with `guard`, which may be dead already, to be
-/// polite, and to have signals again.
-fn prepare(guard: Pid, nice: i32) -> io::Result<()> {
-    prctl::set_pdeathsig(Signal::SIGKILL)?;
-    // SAFETY: a system call on a number alone. Giving way is always allowed.
-    unsafe { libc::nice(nice) };
-    SigSet::empty().thread_set_mask()?;
-    if getppid() == guard {
-        Ok(())
-    } else {
-        Err(Errno::ESRCH.into())
-    }
+struct Guard {
+    program: Pid,
+    signals: SignalFd,
+    grace: Duration,
+    halt: Option<Duration>,
+    stdin_open: bool,
+    requests: Requests,
+    printed: Option<PipeReader>,
+    cutter: Cutter,
+    limiter: Limiter,
+    speech: Speech,
+    credits: u32,
+    unsent: Vec<u8>,
+    stop: bool,
+    parted: bool,
+    kill_at: Option<Instant>,
+    halted_until: Option<Instant>,
 }
 
-fn supervise(program: Pid, signals: &SignalFd, grace: Duration) -> nix::Result<ExitStatus> {
-    let mut kill_at = None;
-    loop {
-        let stop = wait_for_event(signals, kill_at)?;
-        if let Some(status) = reap(program)? {
-            return Ok(status);
+impl Guard {
+    fn new(command: &Command, program: Pid, signals: SignalFd, printed: PipeReader) -> Guard {
+        Guard {
+            program,
+            signals,
+            grace: command.grace,
+            halt: command.halt,
+            stdin_open: true,
+            requests: Requests::default(),
+            printed: Some(printed),
+            cutter: Cutter::default(),
+            limiter: Limiter::new(command.lines_per_second, Instant::now()),
+            speech: command.speech,
+            credits: command.speech.credits(),
+            unsent: Vec::new(),
+            stop: false,
+            parted: command.speech == Speech::Plain,
+            kill_at: None,
+            halted_until: None,
         }
-        match kill_at {
-            None if stop => {
-                signal_group(program, Signal::SIGTERM);
-                kill_at = Some(Instant::now() + grace);
+    }
+
+    fn supervise(&mut self) -> io::Result<ExitStatus> {
+        loop {
+            self.limiter.recover(Instant::now());
+            self.encode();
+            self.exchange()?;
+            if let Some(status) = self.reap()? {
+                return Ok(status);
             }
-            Some(at) if Instant::now() >= at => signal_group(program, Signal::SIGKILL),
+            self.end_program_when_due(Instant::now());
+        }
+    }
+
+    /// Sleeps until something happened, and reads or writes what can be.
+    fn exchange(&mut self) -> io::Result<()> {
+        let [signal, asked, printed, room] = self.poll(self.deadline())?;
+        if signal {
+            self.read_signals()?;
+        }
+        if asked {
+            self.read_requests()?;
+        }
+        if printed {
+            self.read_printed();
+        }
+        if room {
+            self.send();
+        }
+        Ok(())
+    }
+
+    /// Which of signals, standard input, the program's output and standard output have something
+    /// to do.
+    fn poll(&self, until: Option<Instant>) -> io::Result<[bool; 4]> {
+        let (stdin, stdout) = (io::stdin(), io::stdout());
+        let watched: [Option<(BorrowedFd, PollFlags)>; 4] = [
+            Some((self.signals.as_fd(), PollFlags::POLLIN)),
+            self.stdin_open
+                .then_some((stdin.as_fd(), PollFlags::POLLIN)),
+            self.printed
+                .as_ref()
+                .map(|pipe| (pipe.as_fd(), PollFlags::POLLIN)),
+            (!self.unsent.is_empty()).then_some((stdout.as_fd(), PollFlags::POLLOUT)),
+        ];
+        let mut fds: Vec<PollFd> = watched
+            .iter()
+            .flatten()
+            .map(|&(fd, flags)| PollFd::new(fd, flags))
+            .collect();
+        match poll(&mut fds, timeout_until(until)) {
+            Ok(_) => {}
+            Err(Errno::EINTR) => return Ok([false; 4]),
+            Err(error) => return Err(error.into()),
+        }
+        let mut happened = fds.iter().map(|fd| fd.any().unwrap_or(false));
+        Ok(watched.map(|fd| fd.is_some() && happened.next().unwrap_or(false)))
+    }
+
+    fn deadline(&self) -> Option<Instant> {
+        [self.kill_at, self.halted_until, self.limiter.due()]
+            .into_iter()
+            .flatten()
+            .min()
+    }
+
+    fn read_signals(&mut self) -> nix::Result<()> {
+        while let Some(info) = self.signals.read_signal()? {
+            self.stop |= info.ssi_signo != Signal::SIGCHLD as u32;
+        }
+        Ok(())
+    }
+
+    fn read_requests(&mut self) -> nix::Result<()> {
+        let mut bytes = [0; 4096];
+        match unistd::read(io::stdin().as_fd(), &mut bytes) {
+            Ok(0) => {
+                self.stdin_open = false;
+                self.stop = true;
+                self.parted = true;
+            }
+            Ok(count) => {
+                let request = self.requests.read(self.speech, &bytes[..count]);
+                self.credits = self.credits.saturating_add(request.credits);
+                self.stop |= request.stop;
+                self.parted |= request.parted;
+            }
+            Err(Errno::EINTR | Errno::EAGAIN) => {}
+            Err(error) => return Err(error),
+        }
+        Ok(())
+    }
+
+    fn read_printed(&mut self) {
+        let mut bytes = [0; 64 * 1024];
+        let now = Instant::now();
+        match self.printed.as_mut().map(|pipe| pipe.read(&mut bytes)) {
+            Some(Ok(count)) if count > 0 => {
+                let limiter = &mut self.limiter;
+                self.cutter
+                    .cut(&bytes[..count], |line| limiter.push(line, now));
+            }
+            Some(Err(error)) if error.kind() == io::ErrorKind::Interrupted => {}
+            _ => self.printed = None,
+        }
+    }
+
+    /// Makes the bytes of what may go to the supervisor now.
+    fn encode(&mut self) {
+        while self.credits > 0 && self.unsent.len() < AHEAD {
+            let Some(item) = self.limiter.next() else {
+                return;
+            };
+            self.unsent.extend(self.speech.item(&item));
+            if self.speech != Speech::Plain {
+                self.credits -= 1;
+            }
+        }
+    }
+
+    fn send(&mut self) {
+        let some = &self.unsent[..self.unsent.len().min(PIPE_BUF)];
+        match unistd::write(io::stdout().as_fd(), some) {
+            Ok(count) => drop(self.unsent.drain(..count)),
+            Err(Errno::EINTR | Errno::EAGAIN) => {}
+            // Nobody reads any more; the end of standard input says so too.
+            Err(_) => self.unsent.clear(),
+        }
+    }
+
+    fn reap(&mut self) -> nix::Result<Option<ExitStatus>> {
+        while let Some(change) = process::next_change(self.program)? {
+            match change {
+                Change::Ended(status) => return Ok(Some(status)),
+                Change::Halted => self.halted_until = self.halt.map(|halt| Instant::now() + halt),
+                Change::Continued => self.halted_until = None,
+            }
+        }
+        Ok(None)
+    }
+
+    fn end_program_when_due(&mut self, now: Instant) {
+        match self.kill_at {
+            None if self.stop => {
+                signal_group(self.program, Signal::SIGTERM);
+                self.kill_at = Some(now + self.grace);
+                self.halted_until = None;
+            }
+            Some(at) if now >= at => {
+                signal_group(self.program, Signal::SIGKILL);
+                self.kill_at = Some(now + self.grace.max(Duration::from_millis(10)));
+            }
             _ => {}
         }
+        if self.halted_until.is_some_and(|until| now >= until) {
+            self.halted_until = None;
+            self.unsent.extend(self.speech.halted());
+            signal_group(self.program, Signal::SIGKILL);
+        }
     }
-}
 
-/// Sleeps until something happened; true when that is a reason to stop the program.
-fn wait_for_event(signals: &SignalFd, kill_at: Option<Instant>) -> nix::Result<bool> {
-    let stdin = io::stdin();
-    let watched: &[BorrowedFd] = &[signals.as_fd(), stdin.as_fd()];
-    // Once the program is being stopped, standard input has nothing more to say, and at its end would wake the wait for ever.
-    let count = if kill_at.is_some() { 1 } else { 2 };
-    let mut fds: Vec<PollFd> = watched[..count]
-        .iter()
-        .map(|fd| PollFd::new(*fd, PollFlags::POLLIN))
-        .collect();
-    match poll(&mut fds, timeout_until(kill_at)) {
-        Ok(_) | Err(Errno::EINTR) => {}
-        Err(error) => return Err(error),
+    /// What was printed before the end and is still on its way. A supervisor that speaks frames
+    /// has to part, lest it speak to a pipe that has gone: a BEAM would take that for a failure,
+    /// and lose what it has not read.
+    fn tell_the_rest(&mut self) {
+        while self
+            .poll(Some(Instant::now()))
+            .is_ok_and(|[_, _, printed, _]| printed)
+        {
+            self.read_printed();
+        }
+        self.printed = None;
+        if let Some(line) = self.cutter.finish() {
+            self.limiter.push(line, Instant::now());
+        }
+        self.limiter.finish();
+        while let Some(item) = self.limiter.next() {
+            self.unsent.extend(self.speech.item(&item));
+        }
+        self.unsent.extend(self.speech.end());
+        self.part(Instant::now() + LAST_WORDS);
     }
-    let stdin_spoke = fds
-        .get(1)
-        .is_some_and(|fd| fd.revents().is_some_and(|events| !events.is_empty()));
-    Ok(stdin_spoke || stop_signal(signals)?)
+
+    fn part(&mut self, until: Instant) {
+        while !(self.unsent.is_empty() && self.parted) && Instant::now() < until {
+            let Ok([signal, asked, _, room]) = self.poll(Some(until)) else {
+                return;
+            };
+            if room {
+                self.send();
+            }
+            if (signal && self.read_signals().is_err()) || (asked && self.read_requests().is_err())
+            {
+                return;
+            }
+        }
+    }
 }
 
 fn timeout_until(deadline: Option<Instant>) -> PollTimeout {
     let Some(deadline) = deadline else {
         return PollTimeout::NONE;
     };
-    let left = deadline.saturating_duration_since(Instant::now()) + Duration::from_millis(1);
+    let left = deadline.saturating_duration_since(Instant::now());
+    let left = if left.is_zero() {
+        left
+    } else {
+        left + Duration::from_millis(1)
+    };
     PollTimeout::try_from(left).unwrap_or(PollTimeout::MAX)
-}
-
-fn stop_signal(signals: &SignalFd) -> nix::Result<bool> {
-    let mut stop = false;
-    while let Some(info) = signals.read_signal()? {
-        stop |= info.ssi_signo != Signal::SIGCHLD as u32;
-    }
-    Ok(stop)
-}
-
-/// Collects every child that has ended; the program's status when it is among them.
-fn reap(program: Pid) -> nix::Result<Option<ExitStatus>> {
-    let mut ended = None;
-    loop {
-        match waitpid(None, Some(WaitPidFlag::WNOHANG)) {
-            Ok(WaitStatus::Exited(pid, code)) if pid == program => {
-                ended = Some(ExitStatus::from_raw(code << 8))
-            }
-            Ok(WaitStatus::Signaled(pid, signal, _)) if pid == program => {
-                ended = Some(ExitStatus::from_raw(signal as i32));
-            }
-            Ok(WaitStatus::StillAlive) | Err(Errno::ECHILD) => return Ok(ended),
-            Ok(_) | Err(Errno::EINTR) => {}
-            Err(error) => return Err(error),
-        }
-    }
 }
 
 /// A group that is gone already is what was wanted.
 fn signal_group(program: Pid, signal: Signal) {
     let _ = killpg(program, signal);
-}
-
-/// Kills what the program left behind: its group, then whatever the guard has adopted, until nobody is left.
-fn kill_descendants(program: Pid) {
-    signal_group(program, Signal::SIGKILL);
-    while waitpid(None, Some(WaitPidFlag::WNOHANG)) != Err(Errno::ECHILD) {
-        for child in children_of(Pid::this()) {
-            let _ = kill(child, Signal::SIGKILL);
-        }
-        std::thread::sleep(REAP_PERIOD);
-    }
-}
-
-/// Read from every process's own entry: the kernel's list of children is an option that boards may lack.
-fn children_of(parent: Pid) -> Vec<Pid> {
-    let Ok(entries) = std::fs::read_dir("/proc") else {
-        return Vec::new();
-    };
-    entries
-        .filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok())
-        .map(Pid::from_raw)
-        .filter(|pid| parent_of(*pid) == Some(parent))
-        .collect()
-}
-
-/// The second field after the command's name, which stands in parentheses and may hold any character.
-fn parent_of(pid: Pid) -> Option<Pid> {
-    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    let (_, after_name) = stat.rsplit_once(')')?;
-    after_name
-        .split_whitespace()
-        .nth(1)?
-        .parse()
-        .ok()
-        .map(Pid::from_raw)
-}
-
-fn shell_status(status: ExitStatus) -> u8 {
-    let code = status
-        .code()
-        .unwrap_or_else(|| 128 + status.signal().unwrap_or(0));
-    u8::try_from(code).unwrap_or(u8::MAX)
 }

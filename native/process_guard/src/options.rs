@@ -3,25 +3,35 @@
 use std::ffi::OsString;
 use std::time::Duration;
 
+use crate::output::Speech;
+
 pub const HELP: &str = "\
 Run a program that cannot outlive its supervisor.
 
-usage: process_guard [--grace-ms N] [--nice N] [--] PROGRAM [ARGUMENT...]
+usage: process_guard [OPTION N]... [--] PROGRAM [ARGUMENT...]
 
-  --grace-ms N   time between SIGTERM and SIGKILL, 0 to 60000 (default 500)
-  --nice N       how much the program gives way to others, 0 to 19 (default 0)
-  --help         this text
+  --grace-ms N          time between SIGTERM and SIGKILL, 0 to 60000 (default 500)
+  --halt-ms N           kill it when a signal halts it for so long, 0 to 3600000 (default: never)
+  --nice N              how much the program gives way to others, 0 to 19 (default 0)
+  --lines-per-second N  lines of its output that go on, ten times as many at once, 1 to 100000
+                        (default 100)
+  --frames N            speak frames, at most N of them ahead of the supervisor, 1 to 1024
+  --help                this text
 ";
 
 const DEFAULT_GRACE: Duration = Duration::from_millis(500);
+const DEFAULT_LINES_PER_SECOND: u32 = 100;
 
-/// The program to run and how long it may take to end.
+/// The program to run, how long it may take to end, and how much it may say.
 #[derive(Debug, PartialEq)]
 pub struct Command {
     pub program: OsString,
     pub arguments: Vec<OsString>,
     pub grace: Duration,
+    pub halt: Option<Duration>,
     pub nice: i32,
+    pub lines_per_second: u32,
+    pub speech: Speech,
 }
 
 /// What the command line asks for.
@@ -33,46 +43,68 @@ pub enum Request {
 
 pub fn parse(arguments: impl Iterator<Item = OsString>) -> Result<Request, String> {
     let mut arguments = arguments.peekable();
-    let mut grace = DEFAULT_GRACE;
-    let mut nice = 0;
+    let mut command = Command {
+        program: OsString::new(),
+        arguments: Vec::new(),
+        grace: DEFAULT_GRACE,
+        halt: None,
+        nice: 0,
+        lines_per_second: DEFAULT_LINES_PER_SECOND,
+        speech: Speech::Plain,
+    };
     while let Some(option) =
         arguments.next_if(|argument| argument.to_string_lossy().starts_with("--"))
     {
         match option.to_str() {
             Some("--help") => return Ok(Request::Help),
-            Some("--grace-ms") => {
-                grace = Duration::from_millis(number("--grace-ms", 60_000, arguments.next())?);
-            }
-            Some("--nice") => nice = number("--nice", 19, arguments.next())? as i32,
             Some("--") => break,
-            _ => {
-                let option = option.display();
-                return Err(format!(
-                    "unknown option {option}; accepted: --grace-ms N, --nice N, --help"
-                ));
-            }
+            Some(name) => set(&mut command, name, &mut arguments)?,
+            None => return Err(unknown(&option.to_string_lossy())),
         }
     }
-    let program = arguments.next().ok_or(
-        "no program given; usage: process_guard [--grace-ms N] [--nice N] [--] PROGRAM [ARGUMENT...]",
-    )?;
-    let arguments = arguments.collect();
-    Ok(Request::Run(Command {
-        program,
-        arguments,
-        grace,
-        nice,
-    }))
+    command.program = arguments
+        .next()
+        .ok_or("no program given; usage: process_guard [OPTION N]... [--] PROGRAM [ARGUMENT...]")?;
+    command.arguments = arguments.collect();
+    Ok(Request::Run(command))
 }
 
-fn number(option: &str, most: u64, value: Option<OsString>) -> Result<u64, String> {
+fn set(
+    command: &mut Command,
+    option: &str,
+    values: &mut impl Iterator<Item = OsString>,
+) -> Result<(), String> {
+    let mut number = |least, most| number(option, least, most, values.next());
+    match option {
+        "--grace-ms" => command.grace = Duration::from_millis(number(0, 60_000)?.into()),
+        "--halt-ms" => command.halt = Some(Duration::from_millis(number(0, 3_600_000)?.into())),
+        "--nice" => command.nice = number(0, 19)?.cast_signed(),
+        "--lines-per-second" => command.lines_per_second = number(1, 100_000)?,
+        "--frames" => {
+            command.speech = Speech::Frames {
+                window: number(1, 1024)?,
+            }
+        }
+        _ => return Err(unknown(option)),
+    }
+    Ok(())
+}
+
+fn unknown(option: &str) -> String {
+    format!(
+        "unknown option {option}; accepted: --grace-ms N, --halt-ms N, --nice N, \
+         --lines-per-second N, --frames N, --help"
+    )
+}
+
+fn number(option: &str, least: u32, most: u32, value: Option<OsString>) -> Result<u32, String> {
     let text = value.ok_or_else(|| format!("{option} needs a number"))?;
     text.to_str()
         .and_then(|text| text.parse().ok())
-        .filter(|number| *number <= most)
+        .filter(|number| (least..=most).contains(number))
         .ok_or_else(|| {
             format!(
-                "{option} takes a whole number from 0 to {most}, got {}",
+                "{option} takes a whole number from {least} to {most}, got {}",
                 text.display()
             )
         })
@@ -119,6 +151,16 @@ mod tests {
             parse_all(&["--nice", "20", "echo"])
                 .unwrap_err()
                 .contains("0 to 19, got 20")
+        );
+        assert!(
+            parse_all(&["--lines-per-second", "0", "echo"])
+                .unwrap_err()
+                .contains("1 to 100000, got 0")
+        );
+        assert!(
+            parse_all(&["--frames"])
+                .unwrap_err()
+                .contains("needs a number")
         );
         assert!(parse_all(&[]).unwrap_err().contains("no program given"));
     }

@@ -1,10 +1,15 @@
 //! Real processes: what is guarded ends when it should, and nothing of it is left.
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 const LIMIT: Duration = Duration::from_secs(60);
+
+/// Prints its guard's number, then its own, then that of what it lets go, which has left group,
+/// session and environment.
+const DAEMON: &str =
+    "echo $PPID; echo $$; (env -i setsid sh -c 'echo $$; exec sleep 600' &); exec sleep 600";
 
 fn guard(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_process_guard"));
@@ -15,11 +20,14 @@ fn guard(arguments: &[&str]) -> Command {
     command
 }
 
-/// Starts a shell script under the guard and gives the lines that it prints first: process numbers.
+/// Starts a shell script under the guard and gives the lines that it prints first: process
+/// numbers.
 fn start(script: &str, lines: usize) -> (Child, Vec<u32>) {
-    let mut child = guard(&["--grace-ms", "100", "sh", "-c", script])
-        .spawn()
-        .unwrap();
+    start_with(&["--grace-ms", "100", "sh", "-c", script], lines)
+}
+
+fn start_with(arguments: &[&str], lines: usize) -> (Child, Vec<u32>) {
+    let mut child = guard(arguments).spawn().unwrap();
     let output = BufReader::new(child.stdout.take().unwrap());
     let pids = output
         .lines()
@@ -29,7 +37,8 @@ fn start(script: &str, lines: usize) -> (Child, Vec<u32>) {
     (child, pids)
 }
 
-/// The state letter of a process as the kernel gives it: R, S, T, Z, …; none when there is no such process.
+/// The state letter of a process as the kernel gives it: R, S, T, Z, …; none when there is no
+/// such process.
 fn state(pid: u32) -> Option<char> {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
     stat.rsplit_once(')')?.1.trim_start().chars().next()
@@ -45,6 +54,22 @@ fn wait_until(what: &str, condition: impl Fn() -> bool) {
 
 fn wait_until_gone(pid: u32) {
     wait_until("process gone", || matches!(state(pid), None | Some('Z')));
+}
+
+fn signal(name: &str, pid: u32) {
+    let status = Command::new("kill")
+        .args(["-s", name, &pid.to_string()])
+        .status();
+    assert!(status.unwrap().success());
+}
+
+/// What the guard prints until the program ends, and its exit status.
+fn output(arguments: &[&str]) -> (Vec<u8>, ExitStatus) {
+    let mut child = guard(arguments).spawn().unwrap();
+    let mut printed = Vec::new();
+    let mut stdout = child.stdout.take().unwrap();
+    stdout.read_to_end(&mut printed).unwrap();
+    (printed, wait_with_stdin(child))
 }
 
 /// Keeps standard input open meanwhile, which `Child::wait` would close.
@@ -144,4 +169,165 @@ fn a_nice_program_gives_way_to_others() {
         .unwrap();
     wait_with_stdin(child);
     assert_eq!(line, "7\n");
+}
+
+#[test]
+fn the_death_of_the_guard_proper_is_the_death_of_all_that_it_guards() {
+    let (child, pids) = start(DAEMON, 3);
+    signal("KILL", pids[0]);
+    assert_eq!(wait_with_stdin(child).code(), Some(128 + 9));
+    // The watch has ended last.
+    assert!(
+        pids.iter()
+            .all(|pid| matches!(state(*pid), None | Some('Z')))
+    );
+}
+
+#[test]
+fn the_death_of_the_watch_is_the_death_of_all_that_the_guard_guards() {
+    let (mut child, pids) = start(DAEMON, 3);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    pids.into_iter().for_each(wait_until_gone);
+}
+
+#[test]
+fn a_guard_that_is_halted_is_killed_with_all_that_it_guards() {
+    let (child, pids) = start(DAEMON, 3);
+    signal("STOP", pids[0]);
+    assert_eq!(wait_with_stdin(child).code(), Some(128 + 9));
+    assert!(
+        pids.iter()
+            .all(|pid| matches!(state(*pid), None | Some('Z')))
+    );
+}
+
+#[test]
+fn a_watch_that_is_halted_ends_nevertheless() {
+    let (mut child, pids) = start(DAEMON, 3);
+    signal("STOP", child.id());
+    assert_eq!(close_stdin(&mut child).code(), Some(128 + 15));
+    assert!(
+        pids.iter()
+            .all(|pid| matches!(state(*pid), None | Some('Z')))
+    );
+}
+
+#[test]
+fn a_program_that_is_halted_for_too_long_is_killed() {
+    let script = "echo $$; kill -STOP $$";
+    let mut child = guard(&["--halt-ms", "50", "sh", "-c", script])
+        .spawn()
+        .unwrap();
+    let mut printed = String::new();
+    let mut stdout = child.stdout.take().unwrap();
+    stdout.read_to_string(&mut printed).unwrap();
+    assert_eq!(wait_with_stdin(child).code(), Some(128 + 9));
+    let (pid, said) = printed.split_once('\n').unwrap();
+    assert!(said.contains("halted for too long"), "{said}");
+    wait_until_gone(pid.parse().unwrap());
+}
+
+#[test]
+fn a_program_that_goes_on_in_time_goes_on() {
+    let script = "echo $$; kill -STOP $$; echo on; exit 4";
+    let mut child = guard(&["--halt-ms", "60000", "sh", "-c", script])
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    let pid = lines.next().unwrap().unwrap().parse().unwrap();
+    wait_until("process stopped", || state(pid) == Some('T'));
+    signal("CONT", pid);
+    assert_eq!(lines.next().unwrap().unwrap(), "on");
+    assert_eq!(wait_with_stdin(child).code(), Some(4));
+}
+
+#[test]
+fn output_and_errors_come_in_their_order_and_the_last_line_needs_no_end() {
+    let script = "echo 1; echo 2 >&2; echo 3; printf 4 >&2; exit 3";
+    let (printed, status) = output(&["sh", "-c", script]);
+    assert_eq!(String::from_utf8(printed).unwrap(), "1\n2\n3\n4\n");
+    assert_eq!(status.code(), Some(3));
+}
+
+#[test]
+fn output_without_an_end_of_line_is_cut() {
+    let script = "head -c 1000000 /dev/zero | tr '\\0' x";
+    let (printed, _) = output(&["sh", "-c", script]);
+    let lines: Vec<&[u8]> = printed
+        .trim_ascii_end()
+        .split(|&byte| byte == b'\n')
+        .collect();
+    assert!(lines.iter().all(|line| line.len() <= 4096));
+    assert_eq!(printed.len() - lines.len(), 1_000_000);
+}
+
+#[test]
+fn of_a_storm_the_last_words_arrive_and_the_number_of_the_others() {
+    let script = "seq 300000; echo last words >&2; kill -SEGV $$";
+    let (printed, status) = output(&["sh", "-c", script]);
+    let printed = String::from_utf8(printed).unwrap();
+    let lines: Vec<&str> = printed.lines().collect();
+    assert_eq!(status.code(), Some(128 + 11));
+    assert_eq!(lines.first(), Some(&"1"));
+    assert_eq!(lines.last(), Some(&"last words"));
+    assert!(lines.len() < 30_000, "{} lines", lines.len());
+    let told = lines.iter().map(|line| {
+        let left_out = line
+            .strip_prefix("process_guard: ")
+            .and_then(|line| line.split_once(' '));
+        left_out.map_or(1, |(count, _)| count.parse().unwrap())
+    });
+    assert_eq!(told.sum::<u64>(), 300_001);
+}
+
+#[test]
+fn a_supervisor_that_reads_nothing_does_not_block_the_program() {
+    let script = "echo $$; head -c 10000000 /dev/zero | tr '\\0' '\\n'; exec sleep 600";
+    let (mut child, pids) = start(script, 1);
+    wait_until("all was printed", || {
+        let name = std::fs::read_to_string(format!("/proc/{}/comm", pids[0]));
+        name.is_ok_and(|name| name == "sleep\n")
+    });
+    close_stdin(&mut child);
+    wait_until_gone(pids[0]);
+}
+
+#[test]
+fn no_more_frames_come_than_were_asked_for() {
+    let mut child = guard(&["--frames", "3", "sh", "-c", "seq 10; exec sleep 600"])
+        .spawn()
+        .unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    let mut stdout = child.stdout.take().unwrap();
+    let mut frames = |count: usize| -> Vec<String> {
+        (0..count)
+            .map(|_| {
+                let mut length = [0; 2];
+                stdout.read_exact(&mut length).unwrap();
+                let mut frame = vec![0; u16::from_be_bytes(length).into()];
+                stdout.read_exact(&mut frame).unwrap();
+                String::from_utf8(frame).unwrap()
+            })
+            .collect()
+    };
+    assert_eq!(frames(3), ["l1", "l2", "l3"]);
+    stdin.write_all(b"\0\x03c\0\x02").unwrap();
+    assert_eq!(frames(2), ["l4", "l5"]);
+    // The rest comes at the end, asked for or not.
+    stdin.write_all(b"\0\x01s").unwrap();
+    assert_eq!(frames(6), ["l6", "l7", "l8", "l9", "l10", "e"]);
+    // A guard that goes before its supervisor parts would break the pipe that this one may write
+    // to.
+    assert!(child.try_wait().unwrap().is_none());
+    stdin.write_all(b"\0\x01e").unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(128 + 15));
+}
+
+#[test]
+fn a_program_that_does_not_exist_is_named_in_a_frame_too() {
+    let (printed, status) = output(&["--frames", "3", "/nonexistent/program"]);
+    assert_eq!(status.code(), Some(127));
+    let text = String::from_utf8(printed[2..].to_vec()).unwrap();
+    assert!(text.starts_with("lprocess_guard: cannot run /nonexistent/program"));
 }

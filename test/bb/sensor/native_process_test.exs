@@ -2,6 +2,7 @@ defmodule BB.Sensor.NativeProcessTest do
   use ExUnit.Case, async: true
 
   import BB.Test.Eventually
+  import BB.Test.Mistake
   import BB.Test.Native
   import BB.Test.Robot
   import ExUnit.CaptureLog
@@ -13,13 +14,14 @@ defmodule BB.Sensor.NativeProcessTest do
   # A robot whose one sensor is a shell script; `marker` tells its processes from others'.
   defp shell_robot(script, opts \\ []) do
     marker = BB.Test.Run.unique("marker")
+    {name, opts} = Keyword.pop(opts, :name, :shell)
     opts = [program: "sh", args: ["-c", script, marker]] ++ opts
 
     robot =
       create(
         quote do
           sensors do
-            sensor :shell, {BB.Sensor.NativeProcess, unquote(Macro.escape(opts))}
+            sensor unquote(name), {BB.Sensor.NativeProcess, unquote(Macro.escape(opts))}
           end
         end
       )
@@ -61,8 +63,8 @@ defmodule BB.Sensor.NativeProcessTest do
     assert log =~ "echo: --frames a --raw-imu b -x 1"
   end
 
-  test "what it prints goes to the log under the sensor's name, long lines whole" do
-    long = String.duplicate("x", 5000)
+  test "what it prints goes to the log under the sensor's name, lines up to 4 KiB whole" do
+    long = String.duplicate("x", 4096)
 
     log =
       capture_log(fn ->
@@ -142,6 +144,383 @@ defmodule BB.Sensor.NativeProcessTest do
     {robot, _} = shell_robot("", grace_ms: -1)
     assert {:error, %BB.Options.ValidationError{} = error} = robot.start_link()
     assert Exception.message(error) =~ "grace_ms"
+  end
+
+  describe "a program that prints" do
+    @describetag :tmp_dir
+
+    # It prints, says by a file that it has printed all, and goes on.
+    defp printing(dir, name, script) do
+      {robot, marker} =
+        shell_robot("#{script}; touch '#{dir}/#{name}'; exec sleep 600", name: name)
+
+      start_supervised!(robot)
+      {robot, marker, fn -> File.exists?("#{dir}/#{name}") end}
+    end
+
+    test "without an end of line is cut, and leaves the memory as it was", %{tmp_dir: dir} do
+      log =
+        capture_log(fn ->
+          {robot, _, printed?} =
+            printing(dir, :endless, "head -c 100000000 /dev/zero | tr '\\0' x; echo")
+
+          eventually(printed?, 60_000)
+          assert memory(BB.Process.whereis(robot, :endless)) < 2_000_000
+          stop_supervised!(robot)
+        end)
+
+      lines = lines(log, "endless")
+      assert Enum.all?(lines, &(byte_size(&1) <= 4096))
+      assert hd(lines) == String.duplicate("x", 4096)
+      assert accounted(lines) == ceil(100_000_000 / 4096)
+    end
+
+    test "a progress bar is told state by state" do
+      log =
+        capture_log(fn ->
+          script = "printf '\\r1 %%\\r2 %%\\r\\n3 %%\\n'; exit 3"
+          {robot, _, _} = start!(shell_robot(script, name: :bar))
+          eventually(fn -> health(robot, :bar).restarts > 0 end)
+        end)
+
+      assert ["1 %", "2 %", "3 %" | _] = lines(log, "bar")
+    end
+
+    test "too much is told what was left out; its mailbox stays short", %{tmp_dir: dir} do
+      log =
+        capture_log(fn ->
+          {robot, _, printed?} = printing(dir, :storm, "seq 300000")
+          longest = watch_mailbox(BB.Process.whereis(robot, :storm))
+          eventually(printed?, 60_000)
+          assert longest.() <= 200
+          assert health(robot, :storm).state == :up
+          stop_supervised!(robot)
+        end)
+
+      lines = lines(log, "storm")
+      assert ["1", "2", "3" | _] = lines
+      assert length(lines) < 30_000
+      assert accounted(lines) == 300_000
+      assert List.last(lines) == "300000"
+    end
+
+    test "and dies at once is heard to the last word, also in a storm" do
+      log =
+        capture_log(fn ->
+          script = "seq 100000; echo panicked at last >&2; kill -SEGV $$"
+          {robot, _, _} = start!(shell_robot(script, name: :crash))
+          eventually(fn -> health(robot, :crash).restarts > 0 end, 60_000)
+          assert {:exit_status, 139} = health(robot, :crash).last_error
+        end)
+
+      assert "panicked at last" in lines(log, "crash")
+    end
+
+    test "while it is being stopped is heard" do
+      script = "trap 'echo good bye; exit 0' TERM; while :; do sleep 0.05; done"
+
+      log =
+        capture_log(fn ->
+          {robot, marker, _} = start!(shell_robot(script, name: :polite, grace_ms: 10_000))
+          [guard] = eventually(fn -> one(guarded(marker)) end)
+          # The trap is set once it sleeps.
+          eventually(fn -> length(descendants(guard)) == 2 end)
+          stop_supervised!(robot)
+        end)
+
+      assert "good bye" in lines(log, "polite")
+    end
+
+    test "what is no text is logged as text" do
+      log =
+        capture_log(fn ->
+          {robot, _, _} = start!(shell_robot("printf 'a\\377b\\n'; exit 3", name: :bytes))
+          eventually(fn -> health(robot, :bytes).restarts > 0 end)
+        end)
+
+      assert "a?b" in lines(log, "bytes")
+    end
+  end
+
+  # What it printed, and what was left out of that, under the name of its sensor.
+  defp lines(log, name) do
+    for [_, line] <- Regex.scan(~r/\[\w+\] +#{name}: (.*)\n/, log), do: line
+  end
+
+  # The lines that are there, and those that they say are not.
+  defp accounted(lines) do
+    for line <- lines, reduce: 0 do
+      sum ->
+        case Regex.run(~r/\A(\d+) lines were left out/, line) do
+          [_, count] -> sum + String.to_integer(count)
+          nil -> sum + 1
+        end
+    end
+  end
+
+  # Of a process, with the binaries that it holds, its mailbox and its port's queue.
+  defp memory(pid) do
+    :erlang.garbage_collect(pid)
+    {:memory, heap} = Process.info(pid, :memory)
+    {:binary, binaries} = Process.info(pid, :binary)
+    {:links, links} = Process.info(pid, :links)
+    ports = for port <- links, is_port(port), {_, size} = Port.info(port, :memory), do: size
+    heap + Enum.sum(ports) + (binaries |> Enum.map(&elem(&1, 1)) |> Enum.sum())
+  end
+
+  # Gives the greatest length until it is asked.
+  defp watch_mailbox(pid) do
+    watcher = spawn_link(fn -> look_at_mailbox(pid, 0) end)
+
+    fn ->
+      send(watcher, {:longest, self()})
+      assert_receive {:longest, longest}, 30_000
+      longest
+    end
+  end
+
+  defp look_at_mailbox(pid, longest) do
+    receive do
+      {:longest, from} -> send(from, {:longest, longest})
+    after
+      1 ->
+        {:message_queue_len, length} = Process.info(pid, :message_queue_len)
+        look_at_mailbox(pid, max(longest, length))
+    end
+  end
+
+  describe "a grace longer than five seconds" do
+    test "is waited for: nothing outlives the robot" do
+      script = "trap '' TERM; setsid sleep 600 & while :; do sleep 0.05; done"
+      {robot, marker, _} = start!(shell_robot(script, grace_ms: 6_500))
+      [os_pid] = eventually(fn -> one(running(marker)) end)
+      [guard] = eventually(fn -> one(guarded(marker)) end)
+      tree = eventually(fn -> (pids = descendants(guard)) && length(pids) >= 2 && pids end)
+      stop_supervised!(robot)
+      for pid <- [os_pid, guard | tree], do: refute(running?(pid))
+    end
+
+    test "is bounded" do
+      {robot, _} = shell_robot("", grace_ms: 10_001)
+      assert {:error, %BB.Options.ValidationError{} = error} = robot.start_link()
+      assert Exception.message(error) =~ "grace_ms"
+    end
+  end
+
+  # It leaves group, session and parent, and in one case its environment.
+  for {how, command} <- [{"daemonised", "setsid"}, {"bare", "env -i setsid"}] do
+    describe "a guard that guards a #{how} grandchild" do
+      @daemon "(#{command} sh -c 'exec sleep 600' &); sleep 600; :"
+
+      for {signal, exit_status} <- [{"KILL", 137}, {"STOP", 137}] do
+        test "and gets SIG#{signal} leaves nothing running, and the sensor goes down" do
+          {robot, marker} = shell_robot(@daemon)
+          start_supervised!(robot)
+          {:ok, _} = BB.subscribe(robot, [:sensor_status, :shell])
+          [guard] = eventually(fn -> one(guarded(marker)) end)
+          tree = eventually(fn -> (pids = descendants(guard)) && length(pids) >= 3 && pids end)
+          signal(unquote(signal), guard)
+
+          assert_receive {:bb, _, %{payload: %Status{state: :backoff, reason: reason}}}, 30_000
+          assert reason == {:exit_status, unquote(exit_status)}
+          for pid <- [guard | tree], do: refute(running?(pid))
+          assert_receive {:bb, _, %{payload: %Status{state: :up}}}, 30_000
+        end
+      end
+
+      test "and whose watch is killed leaves nothing running" do
+        {robot, marker} = shell_robot(@daemon, grace_ms: 100)
+        start_supervised!(robot)
+        [guard] = eventually(fn -> one(guarded(marker)) end)
+        [watch] = eventually(fn -> one(processes("process_watch", marker)) end)
+        tree = eventually(fn -> (pids = descendants(guard)) && length(pids) >= 3 && pids end)
+        signal("KILL", watch)
+        eventually(fn -> health(robot, :shell).restarts > 0 end, 30_000)
+        for pid <- [guard | tree], do: refute(running?(pid))
+      end
+    end
+  end
+
+  test "a guard that is halted together with its watch does not outlive its sensor" do
+    {robot, marker, _} = start!(shell_robot(@daemon, grace_ms: 50))
+    [guard] = eventually(fn -> one(guarded(marker)) end)
+    [watch] = eventually(fn -> one(processes("process_watch", marker)) end)
+    tree = eventually(fn -> (pids = descendants(guard)) && length(pids) >= 3 && pids end)
+    # The watch first, which would end it at once.
+    for pid <- [watch, guard], do: signal("STOP", pid)
+    stop_supervised!(robot)
+    for pid <- [watch, guard | tree], do: refute(running?(pid))
+  end
+
+  describe "a program that a signal halts" do
+    test "is killed, told, and started again" do
+      {robot, marker} = shell_robot("exec sleep 600", halt_ms: 200)
+      start_supervised!(robot)
+      {:ok, _} = BB.subscribe(robot, [:sensor_status, :shell])
+      [os_pid] = eventually(fn -> guarded_program(marker) end)
+      signal("STOP", os_pid)
+      assert_receive {:bb, _, %{payload: %Status{state: :backoff, reason: reason}}}, 30_000
+      assert reason == {:halted, 200}
+      assert BB.Sensor.explain(BB.Sensor.NativeProcess, reason) =~ "halted by a signal"
+      refute running?(os_pid)
+      assert_receive {:bb, _, %{payload: %Status{state: :up}}}, 30_000
+      assert [new] = eventually(fn -> guarded_program(marker) end)
+      assert new != os_pid
+    end
+
+    test "and lets go on in time goes on" do
+      script = "kill -STOP $$; kill -KILL $$"
+      {robot, marker} = shell_robot(script, halt_ms: 60_000)
+      start_supervised!(robot)
+      [os_pid] = eventually(fn -> one(running(marker)) end)
+      eventually(fn -> state(os_pid) == "T" end)
+      signal("CONT", os_pid)
+      eventually(fn -> health(robot, :shell).restarts > 0 end)
+      assert health(robot, :shell).last_error == {:exit_status, 137}
+    end
+  end
+
+  describe "max_silence" do
+    @describetag :tmp_dir
+
+    # A shell that has a camera, so that one may end without the other.
+    defp camera_robot(dir, topic, max_silence, opts) do
+      program = Path.join(dir, "wrapped_camera")
+      camera = Application.app_dir(:ganglion, ["priv", "bin", "camera"])
+      File.write!(program, "#!/bin/sh\n#{camera} \"$@\" --rate 100\nsleep 600; :\n")
+      File.chmod!(program, 0o755)
+      opts = [program: program, topics: [topic: topic]] ++ opts
+      silent_robot(opts, max_silence)
+    end
+
+    defp silent_robot(opts, max_silence) do
+      create(
+        quote do
+          sensors do
+            sensor :camera, {BB.Sensor.NativeProcess, unquote(Macro.escape(opts))},
+              required: true,
+              max_silence: unquote(Macro.escape(max_silence))
+          end
+        end
+      )
+    end
+
+    defp published(topic) do
+      case BB.Ring.info(topic) do
+        {:ok, %{published: count}} -> count
+        {:error, _reason} -> 0
+      end
+    end
+
+    for {how, publishes} <- [
+          {"finds its topic by the writer", []},
+          {"names its topic by its key", [publishes: [:topic]]}
+        ] do
+      test "of a program that publishes and #{how} is not passed", %{tmp_dir: dir} do
+        topic = topic()
+        robot = camera_robot(dir, topic, BB.Unit.new!(5, :second), unquote(publishes))
+        start_supervised!(robot)
+        {:ok, _} = BB.subscribe(robot, [:sensor_status], replay: true)
+        eventually(fn -> published(topic) >= 700 end, 60_000)
+        assert %{state: :up, restarts: 0} = health(robot, :camera)
+        refute_received {:bb, _, %{payload: %Status{state: :stale}}}
+      end
+    end
+
+    test "of a program that hangs is told; then it is ended and started again", %{tmp_dir: dir} do
+      topic = topic()
+      robot = camera_robot(dir, topic, BB.Unit.new!(500, :millisecond), hang_ms: 3_000)
+      start_supervised!(robot)
+      {:ok, _} = BB.subscribe(robot, [:sensor_status])
+      eventually(fn -> published(topic) >= 10 and health(robot, :camera).state == :up end, 60_000)
+      {:ok, %{writer_pid: camera}} = BB.Ring.info(topic)
+      [shell] = eventually(fn -> one(processes("sh", topic)) end)
+      kill_9(camera)
+      assert_receive {:bb, _, %{payload: %Status{state: :stale, reason: {:silent, 500}}}}, 30_000
+      assert_receive {:bb, _, %{payload: %Status{state: :backoff, reason: reason}}}, 30_000
+      assert reason == {:hung, 3_500}
+      refute running?(shell)
+      assert_receive {:bb, _, %{payload: %Status{state: :up}}}, 30_000
+      before = published(topic)
+      eventually(fn -> published(topic) > before end, 30_000)
+    end
+
+    # A program that takes any topics and publishes nothing.
+    defp reader(dir) do
+      program = Path.join(dir, "reader")
+      File.write!(program, "#!/bin/sh\nsleep 600; :\n")
+      File.chmod!(program, 0o755)
+      program
+    end
+
+    test "is not kept by what others publish on the topics that it reads", %{tmp_dir: dir} do
+      [frames, detections] = [topic("frames"), topic("detections")]
+      {:ok, publisher} = BB.Ring.Publisher.open(frames)
+      topics = [topics: [frames: frames, detections: detections]]
+
+      for publishes <- [[], [publishes: [:detections]], [publishes: [detections]]] do
+        options = [program: reader(dir)] ++ topics ++ publishes
+        robot = silent_robot(options, BB.Unit.new!(200, :millisecond))
+        start_supervised!(robot)
+
+        eventually(
+          fn ->
+            :ok = BB.Ring.Publisher.publish(publisher, "frame")
+            match?(%{state: :stale, reason: {:silent, 200}}, health(robot, :camera))
+          end,
+          30_000
+        )
+      end
+    end
+
+    test "of a program that only reads is about what it reads, and never ends it", %{tmp_dir: dir} do
+      topic = topic()
+      {:ok, publisher} = BB.Ring.Publisher.open(topic)
+      options = [program: reader(dir), topics: [frames: topic], hang_ms: 0]
+      robot = silent_robot(options, BB.Unit.new!(2, :second))
+      start_supervised!(robot)
+      {:ok, _} = BB.subscribe(robot, [:sensor_status])
+
+      eventually(
+        fn ->
+          :ok = BB.Ring.Publisher.publish(publisher, "frame")
+          published(topic) >= 800
+        end,
+        60_000
+      )
+
+      assert %{state: :up, restarts: 0} = health(robot, :camera)
+      refute_received {:bb, _, %{payload: %Status{state: :stale}}}
+      assert_receive {:bb, _, %{payload: %Status{state: :stale}}}, 30_000
+      :ok = BB.Ring.Publisher.publish(publisher, "frame")
+      assert_receive {:bb, _, %{payload: %Status{state: :up, restarts: 0}}}, 30_000
+    end
+
+    test "that nothing can measure is refused while the robot compiles" do
+      for {options, words} <- [
+            {~s(program: "sleep", args: ["600"]), ["no ring topic", "remove max_silence"]},
+            {~s(program: "a", topics: [frames: "f"], publishes: []), ["no ring topic"]},
+            {~s(program: "a", topics: [frames: "f"], publishes: [:tags]),
+             ["got: :tags", "[:frames]"]}
+          ] do
+        error =
+          mistake("""
+          sensors do
+            sensor :native, {BB.Sensor.NativeProcess, #{options}}, max_silence: ~u(1 second)
+          end
+          """)
+
+        message = Exception.message(error)
+        for word <- ["sensor :native: " | words], do: assert(message =~ word)
+      end
+    end
+  end
+
+  test "a program whose published topic is not declared says so" do
+    {robot, _} = shell_robot("sleep 600", publishes: [:tags])
+    start_supervised!(robot)
+    row = eventually(fn -> (row = health(robot, :shell)).state == :backoff && row end)
+    assert row.error =~ "publishes: :tags is no ring topic"
   end
 
   # Between fork and exec a process still looks like the one that it came from.
