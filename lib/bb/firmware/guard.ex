@@ -46,7 +46,8 @@ defmodule BB.Firmware.Guard do
   A board starts an update once, and falls back to the firmware before it unless somebody validates the new one. This is that
   somebody. Firmware is validated when all of this is so, without a break, for the stability window:
 
-    * each sensor that is declared with `required: true` has published fresh samples,
+    * each sensor that is declared with `required: true` has published fresh samples, as fresh as
+      its `max_silence` and its rate allow,
     * native processes, outlets and inlets are up and were not started again,
     * a message on the pubsub and one on the ring came back to the guard,
     * the network reaches as far as wanted.

@@ -12,6 +12,49 @@ defmodule BB.Firmware.GuardTest do
 
   @moduletag :tmp_dir
 
+  defmodule Slow do
+    @moduledoc "A sensor that publishes more seldom than a guard's samples are fresh, or never."
+
+    use BB.Sensor, options_schema: [hz: [type: :any], silent: [type: :boolean, default: false]]
+
+    @period_ms 500
+
+    @impl BB.Sensor
+    def init(opts) do
+      send(self(), :publish)
+      {:ok, opts}
+    end
+
+    @impl BB.Sensor
+    def rate(opts), do: opts[:hz]
+
+    @impl BB.Sensor
+    def handle_info(:publish, opts) do
+      Process.send_after(self(), :publish, @period_ms)
+      contact = BB.Message.new!(BB.Message.Sensor.Contact, :slow, pressed: true)
+      _ = if not opts[:silent], do: BB.Sensor.publish(opts[:bb], contact)
+      {:noreply, opts}
+    end
+  end
+
+  defmodule Terms do
+    @moduledoc "An encoding in both directions."
+
+    @behaviour BB.Handoff.Encoding
+
+    @impl BB.Handoff.Encoding
+    def content, do: "test/Terms"
+
+    @impl BB.Handoff.Encoding
+    def payload, do: Range
+
+    @impl BB.Handoff.Encoding
+    def encode(message), do: :erlang.term_to_binary(%{message | robot: nil})
+
+    @impl BB.Handoff.Encoding
+    def decode(bytes), do: {:ok, :erlang.binary_to_term(bytes)}
+  end
+
   defp declared do
     robot do
       topology do
@@ -132,6 +175,74 @@ defmodule BB.Firmware.GuardTest do
     for _ <- 1..10, do: BB.send(robot, :range, :old)
     assert_receive {Memory, :revert}
     assert Report.read(context.tmp_dir, :reverted) =~ "required: sensor range: was never good"
+  end
+
+  for {how, fields, rate} <- [
+        {"by its max_silence", [max_silence: BB.Unit.new!(5, :second)], nil},
+        {"by its rate", [], 0.5}
+      ] do
+    test "firmware with a required sensor that is slow #{how} is validated", context do
+      robot = slow_robot(unquote(Macro.escape(fields)), hz: unquote(rate))
+      start_supervised!(robot)
+      {_, _} = guard(context, robot, fresh_ms: 100, stability_ms: 700)
+      assert_receive {Memory, :validate}, 30_000
+    end
+  end
+
+  test "a required sensor that is slow and says nothing is not good", context do
+    robot = slow_robot([max_silence: BB.Unit.new!(5, :second)], silent: true)
+    start_supervised!(robot)
+    {_, _} = guard(context, robot, hopeless([]))
+    assert_receive {Memory, :revert}, 10_000
+    assert Report.read(context.tmp_dir, :reverted) =~ "required: sensor slow: was never good"
+  end
+
+  defp slow_robot(fields, options) do
+    create(
+      quote do
+        sensors do
+          sensor :slow,
+                 {unquote(Slow), unquote(options)},
+                 unquote(Macro.escape([required: true] ++ fields))
+        end
+      end
+    )
+  end
+
+  test "firmware whose outlet, inlet and native process keep their max_silence is validated",
+       context do
+    {topic, frames} = {Native.topic("carried"), Native.topic("frames")}
+    robot = carrying_robot(topic, frames)
+    beating(robot, :range, [:range])
+    start_supervised!(robot)
+    carriers = [:outlet, :inlet, :camera]
+    eventually(fn -> Enum.all?(carriers, &(health(robot, &1).state == :up)) end, 30_000)
+
+    # Longer than each of them may be silent.
+    {_, _} = guard(context, robot, stability_ms: 4_000)
+    assert_receive {Memory, :validate}, 60_000
+  end
+
+  # What the sensor publishes goes onto the ring and comes back.
+  defp carrying_robot(topic, frames) do
+    fields = [required: true, max_silence: BB.Unit.new!(2, :second)]
+    outlet = [from: [:sensor, :range], topic: topic, encoding: Terms]
+    inlet = [topic: topic, encoding: Terms, to: [:sensor, :back]]
+    camera = [program: "camera", topics: [topic: frames]]
+
+    create(
+      quote do
+        sensors do
+          sensor :range, BB.Test.Probe, required: true
+          sensor :outlet, {BB.Handoff.Outlet, unquote(outlet)}, unquote(Macro.escape(fields))
+          sensor :inlet, {BB.Handoff.Inlet, unquote(inlet)}, unquote(Macro.escape(fields))
+
+          sensor :camera,
+                 {BB.Sensor.NativeProcess, unquote(camera)},
+                 unquote(Macro.escape(fields))
+        end
+      end
+    )
   end
 
   test "a sensor that is not required may be absent: it is reported, and the firmware is validated",

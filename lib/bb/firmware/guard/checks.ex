@@ -3,7 +3,9 @@ defmodule BB.Firmware.Guard.Checks do
   What a guard looks at, as a value that the guard's process keeps. Messages and looks become the events of
   `BB.Firmware.Guard.Decision`.
 
-    * `{:sensor, name}` - of each required sensor: a sample that is fresh; being down, or having been started again, is bad
+    * `{:sensor, name}` - of each required sensor: a sample that is fresh; being down, or having
+      been started again, is bad. Fresh is what its own `max_silence` and rate allow, where that
+      is more than `fresh_ms`
     * `{:native, name}` - of each native process, outlet and inlet: it is up, and was not started again
     * `:pubsub`, `:ring` - what the guard sent to itself has come back
     * `:network` - it reaches as far as was asked for
@@ -20,6 +22,9 @@ defmodule BB.Firmware.Guard.Checks do
   # They publish nothing at their own path.
   @silent [BB.Handoff.Inlet, BB.Handoff.Outlet, BB.Sensor.NativeProcess]
 
+  # Samples come late at times: so many periods may pass.
+  @periods 2.5
+
   @enforce_keys [:robot, :topic, :network, :reach, :fresh_ms, :sensors, :silent]
   defstruct [
     :robot,
@@ -32,7 +37,8 @@ defmodule BB.Firmware.Guard.Checks do
     :bus,
     :ring,
     token: 0,
-    restarts: %{}
+    restarts: %{},
+    max_silence_ns: %{}
   ]
 
   @type t :: %__MODULE__{}
@@ -53,7 +59,8 @@ defmodule BB.Firmware.Guard.Checks do
         robot: robot,
         sensors:
           for(%{required: true} = s <- speaking, into: %{}, do: {[:sensor | s.path], s.name}),
-        silent: Enum.map(silent, & &1.name)
+        silent: Enum.map(silent, & &1.name),
+        max_silence_ns: Map.new(speaking, &{&1.name, &1.max_silence_ns || 0})
       ] ++ opts
     )
   end
@@ -134,13 +141,24 @@ defmodule BB.Firmware.Guard.Checks do
     ArgumentError -> []
   end
 
-  # A sensor is good by its samples alone.
+  # A sensor is good by its samples alone. One that is slow by nature is so as long as the last is
+  # not too old.
   defp trouble(check, row, checks) do
     case standing(check, row, checks) do
-      {:good, _check} -> []
+      {:good, _check} -> if slow_and_fresh?(row, checks), do: [{:good, check}], else: []
       bad -> [bad]
     end
   end
+
+  defp slow_and_fresh?(%{age_ns: nil}, _checks), do: false
+
+  defp slow_and_fresh?(row, checks) do
+    allowed_ns = max(checks.max_silence_ns[row.name] || 0, periods_ns(row.declared_hz))
+    allowed_ns > checks.fresh_ms * 1_000_000 and row.age_ns <= allowed_ns
+  end
+
+  defp periods_ns(hz) when is_number(hz) and hz > 0, do: @periods * 1.0e9 / hz
+  defp periods_ns(_hz), do: 0
 
   defp standing(check, nil, _checks), do: {:bad, check, "the robot is not started"}
 
