@@ -28,6 +28,8 @@ defmodule BB.PubSub do
       or at two levels, receives twice.
     * A subscriber that dies is forgotten; `subscribers/2` does not list it from then on. Subscribers are not linked to the bus:
       nobody's end is another's.
+    * A publisher waits for nobody, with one exception: a subscriber whose thread the operating system
+      takes away in the very moment of its replay costs a publisher a millisecond at most, once.
     * Subscriptions last as long as the robot. They survive the death of every process of the bus; somebody who subscribes in
       that moment waits until it is over.
 
@@ -59,20 +61,45 @@ defmodule BB.PubSub do
 
   The last message of each path at and below `[:param]`, `[:state_machine]` and `[:sensor_status]` is kept, as it is of sensors
   declared with `retain: true` and of what is given to `retain/2`. `last/2` reads it. One message is kept for each path,
-  whatever its type.
+  whatever its type. A robot has at most 1000 prefixes below which messages are kept, apart from prefixes below those.
 
   ## What it costs
 
-  Publishing to nobody takes about as long as three or four function calls; otherwise it is little more than a `send/2` for each
-  subscriber, and subscribers elsewhere or for other types cost nothing (docs/performance.md). Subscribing is dearer: all
-  publishers get new routes, which takes the longer the more sources there are. Subscribe at the start, not for each message.
-  The first messages of a path, and all on paths with references, take some microseconds.
+  Publishing to nobody takes about as long as three or four function calls; otherwise it is little more than a `send/2` for
+  each subscriber, and subscribers elsewhere or for other types cost nothing (docs/performance.md). For some milliseconds after
+  somebody has come or gone, on the first messages of a path, on passing paths (below), for more than 500 subscribers and
+  with an option, a publisher looks the subscribers up, which takes some microseconds more.
+
+  Subscribing takes some ten microseconds, the same for the ten-thousandth subscriber of a path as for the first: memory and
+  time are linear in the number of subscribers.
+
+  ## What it remembers
+
+  All of it is bounded, whatever is published:
+
+    * A path has at most 64 segments (`BB.Path`); a longer one raises `ArgumentError`.
+    * The first 4000 sources, a path of atoms with a payload type each, are remembered as long as the robot. A path with a
+      reference, or of later sources, is a *passing* one: the newest 1000 are remembered, and beside
+      those the newest 1000 retained ones. A path that was forgotten has no last message, its count
+      begins at 0, and a subscriber with `max_rate` gets its next message. That a last message was
+      forgotten is logged, once.
   """
 
   require BB.PubSub.Traffic
 
   alias BB.{Message, Options, Path}
-  alias BB.PubSub.{Bus, Delivery, Gate, Registrar, Retention, Routes, Subscription, Traffic}
+
+  alias BB.PubSub.{
+    Bus,
+    Delivery,
+    Gate,
+    Pages,
+    Registrar,
+    Retention,
+    Routes,
+    Subscription,
+    Traffic
+  }
 
   @type message_types :: [module()]
   @type subscribe_option ::
@@ -154,9 +181,10 @@ defmodule BB.PubSub do
       )
       when is_integer(time) do
     with {__MODULE__, routes, _bus} <- :persistent_term.get(robot, nil),
-         {_, _, meter, targets, _, nil} <- Routes.find(routes, path, type) do
-      Traffic.tick(meter, time)
-      send_all(targets, path, message, robot)
+         {_, _, meter, targets, version, nil} <- Routes.find(routes, path, type) do
+      if meter |> Traffic.tick(time) |> Traffic.current?(version),
+        do: send_all(targets, path, message, robot),
+        else: publish_outdated(robot, path, type, message)
     else
       _ -> publish_otherwise(robot, path, type, message, [])
     end
@@ -178,49 +206,23 @@ defmodule BB.PubSub do
   defp send_all(targets, path, message, robot),
     do: Delivery.deliver(targets, {:bb, path, %{message | robot: robot}}, nil)
 
-  # With an option, on a retained path, or where there is no route yet.
+  # Somebody has come or gone, and there is no new route yet.
+  defp publish_outdated(robot, path, type, message) do
+    delivery = {:bb, path, %{message | robot: robot}}
+    Delivery.unrouted(Bus.fetch!(robot), {path, type, :lasting}, [], delivery, nil)
+  end
+
+  # With an option, on a retained path, or where there is no route.
   defp publish_otherwise(robot, path, type, message, except) do
     bus = Bus.fetch!(robot)
     message = %{message | robot: robot}
 
-    case route(robot, Path.validate!(path), type) do
-      nil -> publish_unrouted(bus, path, type, message, except)
-      route -> publish_routed(bus, route, path, type, message, except)
-    end
-  end
+    case except == [] && route(robot, path, type) do
+      {_, _, _, _, _, sequence} = route when sequence != nil ->
+        publish_retained(bus, route, message)
 
-  # The registrar hears of the source, and soon there is a route. One that has come up meanwhile is taken: the next messages
-  # will take it, and whoever has subscribed too late for it must not get this one and then miss those.
-  defp publish_unrouted(bus, path, type, message, except) do
-    Traffic.count(Traffic.meter(bus, path, type), message.monotonic_time)
-    number = if Bus.retained?(bus, path), do: Retention.keep(bus, path, message)
-    unrouted = Delivery.unrouted(bus, path, type)
-
-    targets =
-      case route(bus.robot, path, type) do
-        nil -> unrouted
-        {_, _, _, targets, metered, _} -> {targets, metered}
-      end
-
-    Delivery.deliver_except(bus, targets, except, {:bb, path, message}, number)
-  end
-
-  defp publish_routed(bus, {_, _, meter, targets, metered, nil}, path, _type, message, except) do
-    Traffic.count(meter, message.monotonic_time)
-    Delivery.deliver_except(bus, {targets, metered}, except, {:bb, path, message}, nil)
-  end
-
-  # Whoever has subscribed by the time that the message is kept gets it from here, whoever comes later by a replay.
-  defp publish_routed(bus, {_, _, meter, _, _, sequence}, path, type, message, except) do
-    Traffic.count(meter, message.monotonic_time)
-    number = Retention.keep(bus, path, message, sequence)
-
-    case route(bus.robot, path, type) do
-      {_, _, _, targets, metered, _} ->
-        Delivery.deliver_except(bus, {targets, metered}, except, {:bb, path, message}, number)
-
-      nil ->
-        :ok
+      _ ->
+        publish_unrouted(bus, Path.validate!(path), type, message, except)
     end
   end
 
@@ -229,6 +231,25 @@ defmodule BB.PubSub do
       {__MODULE__, routes, _bus} -> Routes.find(routes, path, type)
       _ -> nil
     end
+  end
+
+  # The message is kept, and only then it is seen whether the route is that of all who are subscribed: so whoever comes too
+  # late for the message gets it by a replay.
+  defp publish_retained(bus, {path, type, meter, targets, version, sequence}, message) do
+    number = Retention.keep(bus, path, message, sequence)
+    delivery = {:bb, path, message}
+
+    if meter |> Traffic.count(message.monotonic_time) |> Traffic.current?(version),
+      do: Delivery.deliver(targets, delivery, number),
+      else: Delivery.unrouted(bus, {path, type, :lasting}, [], delivery, number)
+  end
+
+  # The registrar hears of a source that lasts, and soon there is a route.
+  defp publish_unrouted(bus, path, type, message, except) do
+    {class, meter} = Traffic.source(bus, path, type)
+    number = if Bus.retained?(bus, path), do: Retention.keep(bus, path, message)
+    _word = Traffic.count(meter, message.monotonic_time)
+    Delivery.unrouted(bus, {path, type, class}, except, {:bb, path, message}, number)
   end
 
   defp except!(except: []), do: []
@@ -243,7 +264,7 @@ defmodule BB.PubSub do
   @doc "The subscriptions at exactly this path, `{pid, message_types}` each."
   @spec subscribers(module(), Path.t()) :: [{pid(), message_types()}]
   def subscribers(robot, path) do
-    for %{pid: pid} = subscription <- Bus.subscriptions(Bus.fetch!(robot), Path.validate!(path)),
+    for %{pid: pid} = subscription <- Pages.at(Bus.fetch!(robot), Path.validate!(path)),
         Process.alive?(pid),
         do: {pid, subscription.message_types}
   end
@@ -252,10 +273,16 @@ defmodule BB.PubSub do
   Keeps the last message of each source at and below `prefix` from now on, for `last/2` and `replay: true`.
 
   `[:param]`, `[:state_machine]` and `[:sensor_status]` are always kept, and so are the messages of sensors that are declared
-  with `retain: true`.
+  with `retain: true`. A robot can have 1000 prefixes; one more raises `ArgumentError`.
   """
   @spec retain(module(), Path.t()) :: :ok
-  def retain(robot, prefix), do: Registrar.retain(Bus.fetch!(robot), Path.validate!(prefix))
+  def retain(robot, prefix) do
+    with {:error, most} <- Registrar.retain(Bus.fetch!(robot), Path.validate!(prefix)) do
+      raise ArgumentError,
+            "a robot has at most #{most} retained prefixes, got one more: #{inspect(prefix)}; " <>
+              "retain a prefix of several paths instead"
+    end
+  end
 
   @doc "The last message that was published at exactly this path, if it is a retained one; otherwise `nil`."
   @spec last(module(), Path.t()) :: Message.t() | nil
@@ -266,9 +293,8 @@ defmodule BB.PubSub do
   """
   @spec missed(module()) :: non_neg_integer()
   def missed(robot) do
-    me = self()
-    subscriptions = Bus.subscriptions(Bus.fetch!(robot))
-    Enum.sum(for %{pid: ^me, gate: gate} <- subscriptions, do: Gate.missed(gate))
+    subscriptions = Pages.of(Bus.fetch!(robot), self())
+    Enum.sum(for %{counters: counters} <- subscriptions, do: Gate.missed(counters))
   end
 
   @doc """
@@ -279,8 +305,8 @@ defmodule BB.PubSub do
     * `rate_hz` - messages a second, over the last sixteen; it falls when the next one is overdue
     * `age_ns` - how old the last message is
 
-  Rate and age go by the messages' own `monotonic_time`, when they were measured. Of paths with references, which come and go,
-  the last thousand are remembered.
+  Rate and age go by the messages' own `monotonic_time`, when they were measured. At most 6000 are remembered, see "What it
+  remembers".
   """
   @spec topics(module()) :: [Traffic.topic()]
   def topics(robot),
@@ -294,9 +320,9 @@ defmodule BB.PubSub do
     * `dropped` - by `max_rate` or `max_queue`
     * `filtered` - of another type, replayed before, or the further copies that `unique` spares
 
-  What the publisher's `except` withheld is none of these. Nobody counts deliveries while messages are published: the figures
-  are worked out here, from the sources' counts. One that is published in the very moment of subscribing may be counted on
-  the wrong side.
+  What the publisher's `except` withheld is none of these. Nobody counts deliveries while messages are published on paths that
+  last: the figures are worked out here, from the sources' counts. One that is published in the very moment of subscribing may
+  be counted on the wrong side.
   """
   @spec stats(module()) :: [Traffic.row()]
   def stats(robot), do: Traffic.stats(Bus.fetch!(robot))

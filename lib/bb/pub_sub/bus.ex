@@ -5,11 +5,11 @@ defmodule BB.PubSub.Bus do
   In `:persistent_term` under the robot's own module, `{BB.PubSub, routes, bus}`: the routes are what publishers read, and
   reading them takes neither a lock nor a copy. The bus holds the tables:
 
-    * `subscriptions` - `{path, [subscription]}`, in the order of subscribing
-    * `traffic` - `{{path, type}, meter}`, one row for each source seen
+    * `subscriptions` and `places` - see `BB.PubSub.Pages`
+    * `traffic` - `{{path, type}, meter}`, one row for each source that lasts
+    * `passing` - what is remembered of all others, see `BB.PubSub.Passing`
     * `last` - `{path, sequence, number, message}`, the last messages of retained paths
     * `cells` - `{{subscription_id, path}, cell}`, see `BB.PubSub.Gate`
-    * `tallies` - `{subscription_id, delivered, filtered}`, see `BB.PubSub.Traffic`
 
   and `retained`, the prefixes whose messages are kept.
 
@@ -18,10 +18,11 @@ defmodule BB.PubSub.Bus do
   """
 
   alias BB.Path
-  alias BB.PubSub.{Routes, Subscription}
+  alias BB.PubSub.Routes
 
   @always_retained [[:param], [:state_machine], [:sensor_status]]
-  @tables [:subscriptions, :traffic, :last, :cells, :tallies]
+  @most_retained 1_000
+  @tables [:subscriptions, :places, :traffic, :passing, :last, :cells]
 
   @enforce_keys [:robot, :registrar, :retained | @tables]
   defstruct [:robot, :registrar, :retained | @tables]
@@ -29,12 +30,13 @@ defmodule BB.PubSub.Bus do
   @type t :: %__MODULE__{
           robot: module(),
           registrar: module(),
-          retained: [Path.t()],
+          retained: %{Path.t() => true},
           subscriptions: :ets.tid(),
+          places: :ets.tid(),
           traffic: :ets.tid(),
+          passing: :ets.tid(),
           last: :ets.tid(),
-          cells: :ets.tid(),
-          tallies: :ets.tid()
+          cells: :ets.tid()
         }
 
   @doc "The bus whose tables belong to the calling process, new ones if there are none. To be called when it has no registrar."
@@ -57,12 +59,13 @@ defmodule BB.PubSub.Bus do
     bus = %__MODULE__{
       robot: robot,
       registrar: registrar,
-      retained: @always_retained,
+      retained: Map.new(@always_retained, &{&1, true}),
       subscriptions: :ets.new(registrar, [:set, :public, read_concurrency: true]),
-      traffic: :ets.new(registrar, [:set, :public, read_concurrency: true]),
+      places: :ets.new(registrar, [:ordered_set, :public, read_concurrency: true]),
+      traffic: :ets.new(registrar, [:ordered_set, :public, read_concurrency: true]),
+      passing: :ets.new(registrar, [:ordered_set, :public, write_concurrency: true]),
       last: :ets.new(registrar, [:set, :public, write_concurrency: true]),
-      cells: :ets.new(registrar, [:ordered_set, :public]),
-      tallies: :ets.new(registrar, [:set, :public])
+      cells: :ets.new(registrar, [:ordered_set, :public, write_concurrency: true])
     }
 
     publish(bus, Routes.new())
@@ -120,26 +123,24 @@ defmodule BB.PubSub.Bus do
 
   defp owner(bus), do: :ets.info(bus.subscriptions, :owner)
 
-  @doc "The subscriptions at exactly that path, oldest first."
-  @spec subscriptions(t(), Path.t()) :: [Subscription.t()]
-  def subscriptions(bus, path) do
-    case :ets.lookup(bus.subscriptions, path) do
-      [{_, subscriptions}] -> subscriptions
-      [] -> []
-    end
-  end
-
-  @doc "All subscriptions."
-  @spec subscriptions(t()) :: [Subscription.t()]
-  def subscriptions(bus),
-    do: Enum.flat_map(:ets.tab2list(bus.subscriptions), fn {_path, list} -> list end)
-
-  @doc "The subscriptions at the path and above it, nearest first."
-  @spec above(t(), Path.t()) :: [Subscription.t()]
-  def above(bus, path),
-    do: subscriptions(bus, path) ++ Enum.flat_map(Path.ancestors(path), &subscriptions(bus, &1))
-
   @doc "Whether the last messages at the path are kept."
   @spec retained?(t(), Path.t()) :: boolean()
-  def retained?(bus, path), do: Enum.any?(bus.retained, &Path.prefix?(&1, path))
+  def retained?(%{retained: retained}, path) do
+    is_map_key(retained, path) or Enum.any?(Path.ancestors(path), &is_map_key(retained, &1))
+  end
+
+  @doc "The bus that keeps the messages at and below a prefix too; `{:error, most}` when it has as many prefixes as it can have."
+  @spec retain(t(), Path.t()) :: {:ok, t()} | {:error, pos_integer()}
+  def retain(%{retained: retained} = bus, prefix) do
+    cond do
+      retained?(bus, prefix) ->
+        {:ok, bus}
+
+      map_size(retained) < @most_retained ->
+        {:ok, %{bus | retained: Map.put(retained, prefix, true)}}
+
+      true ->
+        {:error, @most_retained}
+    end
+  end
 end

@@ -7,7 +7,7 @@ defmodule BB.PubSub.Delivery do
   """
 
   alias BB.Path
-  alias BB.PubSub.{Bus, Gate, Routes, Subscription, Traffic}
+  alias BB.PubSub.{Bus, Gate, Pages, Routes, Subscription}
 
   @doc "The targets of a plan's steps."
   @spec targets(Bus.t(), [Routes.step()], Path.t()) :: [Routes.target()]
@@ -30,7 +30,7 @@ defmodule BB.PubSub.Delivery do
     do: {pid, Enum.map(takers, &Gate.new(bus, &1, path, retained?))}
 
   @doc "Sends to all targets."
-  @spec deliver([Routes.target()], term(), pos_integer() | nil) :: :ok
+  @spec deliver([Routes.target()], term(), Gate.stamp()) :: :ok
   def deliver([pid | rest], delivery, number) when is_pid(pid) do
     send(pid, delivery)
     deliver(rest, delivery, number)
@@ -43,38 +43,33 @@ defmodule BB.PubSub.Delivery do
 
   def deliver([], _delivery, _number), do: :ok
 
-  @doc "Sends to all but some processes, and notes what those did not get. `metered` are the targets' `BB.PubSub.Routes.metered/1`."
-  @spec deliver_except(
+  @doc """
+  Sends to those whom the subscriptions themselves tell, but for some processes, and counts what a meter does not tell. For
+  publishers without a route, or with an option.
+  """
+  @spec unrouted(
           Bus.t(),
-          {[Routes.target()], [reference() | nil]},
+          {Path.t(), module(), :lasting | :passing},
           [pid()],
           term(),
-          pos_integer() | nil
+          Gate.stamp()
         ) ::
           :ok
-  def deliver_except(_bus, {targets, _metered}, [], delivery, number),
-    do: deliver(targets, delivery, number)
+  def unrouted(bus, {path, type, class}, except, delivery, number) do
+    {steps, filtered} = Routes.plan(Pages.above(bus, path), type)
+    retained? = Bus.retained?(bus, path)
+    for %{counters: counters} <- filtered, class == :passing, do: Gate.correct(counters, {0, 1})
 
-  def deliver_except(bus, {[target | targets], [id | metered]}, except, delivery, number) do
-    if process(target) in except,
-      do: withheld(bus, id),
-      else: deliver([target], delivery, number)
+    for {pid, [first | _], _shadowed} = step <- steps do
+      withheld? = except != [] and pid in except
+      unless Subscription.gated?(first), do: count(first.counters, class, withheld?)
+      unless withheld?, do: deliver([target(bus, step, path, retained?)], delivery, number)
+    end
 
-    deliver_except(bus, {targets, metered}, except, delivery, number)
+    :ok
   end
 
-  def deliver_except(_bus, {[], []}, _except, _delivery, _number), do: :ok
-
-  defp process({pid, _gates}), do: pid
-  defp process(pid), do: pid
-
-  defp withheld(_bus, nil), do: :ok
-  defp withheld(bus, id), do: Traffic.correct(bus, id, {-1, 0})
-
-  @doc "Where there is no route yet: the targets and their `BB.PubSub.Routes.metered/1`, from the subscriptions themselves."
-  @spec unrouted(Bus.t(), Path.t(), module()) :: {[Routes.target()], [reference() | nil]}
-  def unrouted(bus, path, type) do
-    {steps, _filtered} = Routes.plan(Bus.above(bus, path), path, type)
-    {targets(bus, steps, path), Routes.metered(steps)}
-  end
+  defp count(counters, :passing, false), do: Gate.correct(counters, {1, 0})
+  defp count(counters, :lasting, true), do: Gate.correct(counters, {-1, 0})
+  defp count(_counters, _class, _withheld?), do: :ok
 end

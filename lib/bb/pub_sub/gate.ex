@@ -20,14 +20,23 @@ defmodule BB.PubSub.Gate do
 
   The subscriber replays to itself. Its cell says of each path:
 
-    * 0 - nothing has been sent of this path
-    * -1 - the subscriber is replaying the last message; whoever publishes a newer one waits these microseconds
-    * n > 0 - the message number n was replayed: only greater numbers are news
-    * -2 - a publisher was first: what it sent was the last message, and there is nothing to replay
+    * 0 - nothing was sent of this path
+    * -k - the subscriber is about to replay the message number k, and has not begun
+    * "sending k" - the subscriber has decided to, and does so in this very moment
+    * k > 0 - that is dealt with: only greater numbers are news
+    * "open" - everything is news
+
+  A publisher with a newer message than k does not wait for a subscriber that has not begun. It sends its own, and the
+  subscriber replays nothing of that path, since the last message is there already. Only while the subscriber sends does a
+  publisher wait, for a millisecond at most: the VM does not take a process away between these few instructions, which stand
+  at the beginning of its turn, but the operating system may take away the VM's thread. Then the publisher goes on, and the
+  subscriber, once it is back, takes out of its mailbox what it had sent too late.
+
+  An older message than the last one is not sent to a subscriber that has yet to replay that.
   """
 
   alias BB.Path
-  alias BB.PubSub.{Bus, Subscription}
+  alias BB.PubSub.{Bus, Pages, Passing, Retention, Subscription}
 
   @passed 1
   @dropped 2
@@ -36,84 +45,105 @@ defmodule BB.PubSub.Gate do
   @unreported 5
   @credits 6
   @look_after 7
+  @over 8
 
   @replayed 1
   @due 2
 
   @untouched 0
-  @replaying -1
-  @open -2
+  @sending 0x400_0000_0000_0000
+  @open -0x400_0000_0000_0000
 
   @long_ns 200_000
   @long_ago -0x8000000000000000
-  @yields 50
-  @waits 100
+  @patience_ns 1_000_000
 
   @type counters :: :atomics.atomics_ref()
   @type cell :: :atomics.atomics_ref()
   @type t ::
-          {counters(), cell() | nil, Subscription.t()} | {:other_than, cell()} | :plain
+          {counters(), cell() | nil, Subscription.t()}
+          | {:other_than, counters(), cell()}
+          | :plain
+
+  @typedoc "The number of a message among those of its retained path, and the sequence that it comes from."
+  @type stamp :: {pos_integer(), Retention.sequence()} | nil
 
   @doc "The counters of a new subscription."
   @spec counters() :: counters()
   def counters do
-    counters = :atomics.new(7, [])
+    counters = :atomics.new(@over, [])
     :atomics.put(counters, @look_after, @long_ago)
     counters
   end
 
   @doc "What became of the messages: `{passed, dropped, filtered}`."
-  @spec counted(counters() | nil) :: {integer(), integer(), integer()}
-  def counted(nil), do: {0, 0, 0}
-
+  @spec counted(counters()) :: {integer(), integer(), integer()}
   def counted(counters) do
     {:atomics.get(counters, @passed), :atomics.get(counters, @dropped),
      :atomics.get(counters, @filtered)}
   end
 
+  @doc "Adds to what passed and to what was filtered."
+  @spec correct(counters(), {integer(), integer()}) :: :ok
+  def correct(counters, {passed, filtered}) do
+    if passed != 0, do: :atomics.add(counters, @passed, passed)
+    if filtered != 0, do: :atomics.add(counters, @filtered, filtered)
+    :ok
+  end
+
   @doc "How many messages were skipped because the mailbox was full."
-  @spec missed(counters() | nil) :: non_neg_integer()
-  def missed(nil), do: 0
+  @spec missed(counters()) :: non_neg_integer()
   def missed(counters), do: :atomics.get(counters, @missed)
 
   @doc "A subscription's gate at a source path."
   @spec new(Bus.t(), Subscription.t(), Path.t(), boolean()) :: t()
   def new(bus, subscription, path, retained?) do
     cell? = subscription.period_ns != nil or (subscription.replay and retained?)
-    {subscription.gate, if(cell?, do: cell(bus, subscription, path)), subscription}
+    {subscription.counters, if(cell?, do: cell(bus, subscription, path)), subscription}
   end
 
   @doc "A gate that lets everything pass but the message that was replayed to the same process."
   @spec other_than_replayed(Bus.t(), Subscription.t(), Path.t()) :: t()
   def other_than_replayed(bus, subscription, path),
-    do: {:other_than, cell(bus, subscription, path)}
+    do: {:other_than, subscription.counters, cell(bus, subscription, path)}
 
   @doc "The cell of a subscription and a source path, the same one for all who ask."
   @spec cell(Bus.t(), Subscription.t(), Path.t()) :: cell()
-  def cell(bus, %{id: id}, path) do
-    key = {id, path}
-
-    case :ets.lookup(bus.cells, key) do
+  def cell(bus, %{id: id} = subscription, path) do
+    case :ets.lookup(bus.cells, {id, path}) do
       [{_, cell}] -> cell
-      [] -> new_cell(bus, key)
+      [] -> new_cell(bus, subscription, path)
     end
   end
 
-  defp new_cell(bus, key) do
-    cell = :atomics.new(2, [])
+  # What is being forgotten in this moment, subscription or path, leaves no cell behind.
+  defp new_cell(bus, %{id: id} = subscription, path) do
+    cell = :atomics.new(@due, [])
     :atomics.put(cell, @due, @long_ago)
 
-    if :ets.insert_new(bus.cells, {key, cell}),
-      do: cell,
-      else: :ets.lookup_element(bus.cells, key, 2)
+    if :ets.insert_new(bus.cells, {{id, path}, cell}) do
+      unless Pages.member?(bus, subscription) and Passing.known?(bus, path),
+        do: :ets.delete(bus.cells, {id, path})
+
+      cell
+    else
+      present(bus, {id, path}, cell)
+    end
+  end
+
+  defp present(bus, key, otherwise) do
+    case :ets.lookup(bus.cells, key) do
+      [{_, cell}] -> cell
+      [] -> otherwise
+    end
   end
 
   @doc """
   Sends the delivery through the first gate that is open; of several gates all belong to one process, which wants one copy.
 
-  `number` counts the messages of a retained path and is `nil` elsewhere.
+  `number` is `nil` where no messages are kept.
   """
-  @spec deliver([t()], pid(), term(), pos_integer() | nil) :: :ok
+  @spec deliver([t()], pid(), term(), stamp()) :: :ok
   def deliver([], _pid, _delivery, _number), do: :ok
 
   def deliver([:plain | _], pid, delivery, _number) do
@@ -121,8 +151,8 @@ defmodule BB.PubSub.Gate do
     :ok
   end
 
-  def deliver([{:other_than, cell} | rest], pid, delivery, number) do
-    if replayed(cell, number, pid, 0) == :same,
+  def deliver([{:other_than, counters, cell} | rest], pid, delivery, number) do
+    if number != nil and replayed(cell, counters, number) == :same,
       do: :ok,
       else: deliver(rest, pid, delivery, number)
   end
@@ -155,9 +185,9 @@ defmodule BB.PubSub.Gate do
     filtered(rest)
   end
 
-  defp verdict({_counters, cell, %{replay: true, pid: pid}} = gate, number)
+  defp verdict({counters, cell, %{replay: true}} = gate, number)
        when cell != nil and number != nil do
-    with :newer <- replayed(cell, number, pid, 0), do: limits(gate)
+    with :newer <- replayed(cell, counters, number), do: limits(gate)
   end
 
   defp verdict(gate, _number), do: limits(gate)
@@ -229,62 +259,75 @@ defmodule BB.PubSub.Gate do
   # Replay
 
   @doc """
-  Replays to the calling process: runs `fun`, which sends the last message and returns its number, unless a publisher was first.
+  Replays to the calling process: runs `fun`, which sends it the last message, number k of its path, unless a publisher is first.
+  `take_back` takes it out of the mailbox again.
   """
-  @spec replay(cell(), (() -> non_neg_integer())) :: :ok
-  def replay(cell, fun) do
-    case :atomics.compare_exchange(cell, @replayed, @untouched, @replaying) do
-      :ok ->
-        number = fun.()
+  @spec replay(cell(), pos_integer(), (() -> any()), (() -> any())) :: :ok
+  def replay(cell, k, fun, take_back) do
+    with :ok <- swap(cell, @untouched, -k),
+         # A new turn: it is long enough for what stands between the two marks.
+         true <- :erlang.yield(),
+         :ok <- swap(cell, -k, @sending + k) do
+      fun.()
 
-        # Asking takes what was sent to this process into its mailbox; until then signals of others may overtake it.
-        {:message_queue_len, _} = Process.info(self(), :message_queue_len)
-        :atomics.put(cell, @replayed, max(number, @untouched))
-
-      _ ->
-        :ok
+      # Asking takes what was sent to this process into its mailbox; until then signals of others may overtake it.
+      {:message_queue_len, _} = Process.info(self(), :message_queue_len)
+      if swap(cell, @sending + k, k) != :ok, do: take_back.()
     end
+
+    :ok
   end
 
-  defp replayed(cell, number, pid, tries) do
+  @doc "Says that the subscriber has replayed what there was."
+  @spec replayed_all(counters()) :: :ok
+  def replayed_all(counters), do: :atomics.put(counters, @over, 1)
+
+  defp swap(cell, from, to), do: :atomics.compare_exchange(cell, @replayed, from, to)
+
+  # Where a swap fails, somebody else was faster: look again.
+  defp replayed(cell, counters, {n, sequence} = number) do
     case :atomics.get(cell, @replayed) do
-      @open -> :newer
-      @untouched -> open(cell, number, pid, tries)
-      @replaying -> wait(cell, number, pid, tries)
-      ^number -> :same
-      replayed when number > replayed -> :newer
-      _ -> :older
+      @open ->
+        :newer
+
+      @untouched ->
+        untouched(cell, counters, n, sequence) || replayed(cell, counters, number)
+
+      k when k > @sending ->
+        sending(cell, k - @sending, n) || replayed(cell, counters, number)
+
+      k when k < 0 and n > -k ->
+        if swap(cell, k, -k) == :ok, do: :newer, else: replayed(cell, counters, number)
+
+      k ->
+        compare(n, abs(k))
     end
   end
 
-  defp open(cell, number, pid, tries) do
-    case :atomics.compare_exchange(cell, @replayed, @untouched, @open) do
-      :ok -> :newer
-      _ -> replayed(cell, number, pid, tries)
-    end
-  end
+  defp compare(k, k), do: :same
+  defp compare(n, k) when n > k, do: :newer
+  defp compare(_n, _k), do: :older
 
-  # A subscriber that was suspended in the middle must not hold up publishers for good.
-  defp wait(cell, number, pid, tries) do
+  # As long as the subscriber has yet to look, it gets the last message from whoever is first to send it.
+  defp untouched(cell, counters, n, sequence) do
     cond do
-      not Process.alive?(pid) -> :older
-      tries > @yields + @waits -> :newer
-      true -> wait_again(cell, number, pid, tries)
+      :atomics.get(counters, @over) == 1 -> if swap(cell, @untouched, @open) == :ok, do: :newer
+      :atomics.get(sequence, 1) == n -> if swap(cell, @untouched, n) == :ok, do: :newer
+      true -> :older
     end
   end
 
-  defp wait_again(cell, number, pid, tries) do
-    pause(tries)
-    replayed(cell, number, pid, tries + 1)
+  defp sending(_cell, k, n) when n <= k, do: compare(n, k)
+
+  defp sending(cell, k, _n) do
+    wait(cell, @sending + k, :erlang.monotonic_time(:nanosecond) + @patience_ns)
+    if swap(cell, @sending + k, k) == :ok, do: :newer
   end
 
-  defp pause(tries) when tries < @yields, do: :erlang.yield()
-
-  # Sleeping lets a subscriber of lower priority finish.
-  defp pause(_tries) do
-    receive do
-    after
-      1 -> true
+  defp wait(cell, state, until) do
+    if :atomics.get(cell, @replayed) == state and :erlang.monotonic_time(:nanosecond) < until do
+      :erlang.yield()
+      wait(cell, state, until)
     end
   end
 end

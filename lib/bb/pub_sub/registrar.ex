@@ -2,10 +2,17 @@ defmodule BB.PubSub.Registrar do
   @moduledoc """
   Writes down who is subscribed, and keeps the routes that publishers read. No message goes through it.
 
-  It is the one writer of subscriptions and routes. It answers a subscriber when the new routes are known to publishers, so
-  what is published from then on arrives. Making routes known is the expensive part (the more so the more sources there are),
-  so it is done once for all who are waiting; new sources, for which publishers find their way without a route, wait for a
-  few milliseconds to come together.
+  It is the one writer of subscriptions and routes. It answers a subscriber when publishers cannot miss it any more:
+
+    1. the routes of all sources that reach it are put out of date, a number each (`BB.PubSub.Traffic`): publishers look up
+       the subscriptions themselves from now on
+    2. the subscription is written down
+    3. the subscriber is answered
+
+  Making new routes known is the expensive part: the VM looks through all processes for references to the old ones. It waits
+  for some milliseconds, so that changes come together, and it may take a tenth of the time at most. No subscriber waits for
+  it, however many there are, and whatever new sources publishers come up with. Sources with more than a few hundred
+  subscribers get no route: a copy of such a list at each change would cost more than it saves.
 
   It watches subscribers and removes those that die; it is not linked to them, so that nobody's end is another's. When it
   dies itself, nothing is lost: the tables belong to the process that started the bus, publishers go on with the routes that
@@ -15,22 +22,26 @@ defmodule BB.PubSub.Registrar do
   use GenServer
 
   alias BB.Path
-  alias BB.PubSub.{Bus, Delivery, Retention, Routes, Subscription, Traffic}
+  alias BB.PubSub.{Bus, Delivery, Gate, Pages, Retention, Routes, Subscription, Traffic}
 
   @together_ms 5
-  @most_waiting 100
-  @unnamed_most 1_000
+  @most_routed 500
+  @most_at_once 20_000
+  # What making routes known costs each process of the VM, which no clock here sees.
+  @processes_a_ms 500
 
-  @enforce_keys [:bus]
+  @enforce_keys [:bus, :routes]
   defstruct [
     :bus,
+    :routes,
     :timer,
-    routes: %{},
-    subscriptions: %{},
-    subscribers: %{},
-    unnamed: :queue.new(),
-    dirty: [],
-    waiting: []
+    sources: %{},
+    crowds: %{},
+    monitors: %{},
+    unique: %{},
+    outdated: %{},
+    dirty: %{},
+    rested_ms: nil
   ]
 
   @doc "Starts the bus of a robot. Its tables belong to the caller, and are taken up again if there are any."
@@ -50,15 +61,15 @@ defmodule BB.PubSub.Registrar do
   @spec unsubscribe(Bus.t(), pid(), Path.t()) :: :ok
   def unsubscribe(bus, pid, path), do: call(bus, {:unsubscribe, pid, path})
 
-  @doc "Keeps the last messages at and below a prefix from now on."
-  @spec retain(Bus.t(), Path.t()) :: :ok
+  @doc "Keeps the last messages at and below a prefix from now on; `{:error, most}` when there are as many prefixes already."
+  @spec retain(Bus.t(), Path.t()) :: :ok | {:error, pos_integer()}
   def retain(bus, prefix), do: call(bus, {:retain, prefix})
 
   @attempts 1_000
 
   # While it is being started again its work is only late. A request may be repeated: it is known by its subscription's id.
   defp call(bus, request, left \\ @attempts) do
-    GenServer.call(bus.registrar, request)
+    GenServer.call(bus.registrar, {request, left < @attempts}, :infinity)
   catch
     :exit, {reason, _} when left > 0 and reason in [:noproc, :killed, :shutdown, :normal] ->
       _ = Bus.fetch!(bus.robot)
@@ -69,71 +80,54 @@ defmodule BB.PubSub.Registrar do
   @impl GenServer
   def init(bus) do
     Process.flag(:trap_exit, true)
-    subscriptions = Map.new(:ets.tab2list(bus.subscriptions))
-    {unnamed, named} = Enum.split_with(sources(bus), fn {{path, _}, _} -> unnamed?(path) end)
-
-    routes =
-      for {{path, type}, _meter} <- named, reduce: Routes.new() do
-        routes -> Routes.put(routes, {path, type, nil, [], [], nil})
-      end
-
-    state = %__MODULE__{
-      bus: bus,
-      routes: routes,
-      subscriptions: subscriptions,
-      unnamed: unnamed |> Enum.map(&elem(&1, 0)) |> :queue.from_list(),
-      dirty: [[]]
-    }
-
-    pids = for {_, list} <- subscriptions, %{pid: pid} <- list, do: pid
-    {:ok, pids |> Enum.reduce(state, &watch(&2, &1)) |> flush()}
+    {BB.PubSub, routes, _bus} = :persistent_term.get(bus.robot)
+    state = %__MODULE__{bus: bus, routes: routes, sources: Map.new(Traffic.lasting(bus))}
+    {:ok, bus |> Pages.all() |> Enum.reduce(state, &note(&2, &1)) |> later([])}
   end
 
   @impl GenServer
-  def handle_call({:subscribe, subscription}, from, state) do
-    if known?(state, subscription),
-      do: answer_now(state, from, {:ok, self()}),
-      else: state |> add(subscription) |> answer(from, {:ok, self()}, subscription.path)
+  def handle_call({{:subscribe, subscription}, again?}, _from, state) do
+    if again? and Pages.member?(state.bus, subscription),
+      do: {:reply, {:ok, self()}, state},
+      else: {:reply, {:ok, self()}, add(state, subscription)}
   end
 
-  def handle_call({:unsubscribe, pid, path}, from, state),
-    do: state |> remove(pid, path) |> unwatch(pid) |> answer(from, :ok, path)
+  def handle_call({{:unsubscribe, pid, path}, _again?}, _from, state) do
+    if Pages.at?(state.bus, pid, path),
+      do: {:reply, :ok, state |> outdate(path) |> remove(pid, path) |> unwatch(pid)},
+      else: {:reply, :ok, state}
+  end
 
-  def handle_call({:retain, prefix}, from, state) do
-    if prefix in state.bus.retained do
-      answer_now(state, from, :ok)
+  def handle_call({{:retain, prefix}, _again?}, _from, state) do
+    case Bus.retain(state.bus, prefix) do
+      {:ok, bus} when bus == state.bus -> {:reply, :ok, state}
+      {:ok, bus} -> {:reply, :ok, retain_from_now(%{state | bus: bus}, prefix)}
+      {:error, most} -> {:reply, {:error, most}, state}
+    end
+  end
+
+  @impl GenServer
+  def handle_cast({:seen, path, type}, %{sources: sources} = state) do
+    source = {path, type}
+
+    if is_map_key(sources, source) do
+      {:noreply, state}
     else
-      bus = %{state.bus | retained: [prefix | state.bus.retained]}
-      %{state | bus: bus} |> dirty(prefix) |> answer_later(from, :ok)
+      {_class, meter} = Traffic.source(state.bus, path, type)
+      {:noreply, later(%{state | sources: Map.put(sources, source, meter)}, path)}
     end
   end
 
   @impl GenServer
-  def handle_cast({:seen, path, type}, state) do
-    cond do
-      unnamed?(path) ->
-        %{state | unnamed: :queue.in({path, type}, state.unnamed)} |> forget() |> next()
-
-      Routes.find(state.routes, path, type) ->
-        next(state)
-
-      true ->
-        routes = Routes.put(state.routes, {path, type, nil, [], [], nil})
-        %{state | routes: routes} |> later(path) |> next()
-    end
-  end
-
-  @impl GenServer
-  def handle_info(:timeout, state), do: {:noreply, flush(state)}
   def handle_info(:flush, state), do: {:noreply, flush(%{state | timer: nil})}
 
   def handle_info({:DOWN, _ref, :process, pid, _reason}, state) do
-    {{_ref, paths}, subscribers} = Map.pop(state.subscribers, pid, {nil, []})
-    state = %{state | subscribers: subscribers}
-    paths |> Enum.reduce(state, &(&2 |> remove(pid, &1) |> later_if_routed(&1))) |> next()
+    paths = Pages.paths(state.bus, pid)
+    state = %{state | monitors: Map.delete(state.monitors, pid)}
+    {:noreply, Enum.reduce(paths, state, &remove(&2, pid, &1))}
   end
 
-  def handle_info(_message, state), do: next(state)
+  def handle_info(_message, state), do: {:noreply, state}
 
   @impl GenServer
   def terminate(reason, state) do
@@ -145,193 +139,177 @@ defmodule BB.PubSub.Registrar do
 
   # Subscriptions
 
-  defp known?(state, %{id: id, path: path}),
-    do: Enum.any?(at(state, path), &(&1.id == id))
+  defp add(state, %{pid: pid, path: path, unique: unique} = subscription) do
+    add = fn -> Pages.add(state.bus, subscription) end
+    state = outdate(state, path)
 
-  defp add(state, subscription) do
-    :ets.insert(state.bus.tallies, {subscription.id, 0, 0})
+    if unique or is_map_key(state.unique, pid),
+      do: change_all(state, pid, add),
+      else: change(state, [], add, fn -> [subscription] end)
 
-    state
-    |> change(subscription.pid, [subscription], fn state ->
-      put(state, subscription.path, at(state, subscription.path) ++ [subscription])
-    end)
-    |> watch(subscription.pid)
-    |> note(subscription)
+    state |> note(subscription) |> later(path)
   end
 
   defp remove(state, pid, path) do
-    case Enum.split_with(at(state, path), &(&1.pid == pid)) do
-      {[], _} ->
-        state
+    remove = fn -> Pages.remove(state.bus, pid, path) end
+    gone = if is_map_key(state.unique, pid), do: change_all(state, pid, remove), else: remove.()
+    Enum.each(gone, &erase(state.bus, &1))
 
-      {gone, left} ->
-        state = change(state, pid, [], &put(&1, path, left))
-        Enum.each(gone, &erase(state.bus, &1))
-        state
-    end
+    state
+    |> count(path, -length(gone))
+    |> note_unique(pid, gone)
+    |> later(path)
   end
 
-  defp erase(bus, %{id: id}) do
-    :ets.delete(bus.tallies, id)
-    :ets.match_delete(bus.cells, {{id, :_}, :_})
-  end
-
-  defp put(state, path, []) do
-    :ets.delete(state.bus.subscriptions, path)
-    %{state | subscriptions: Map.delete(state.subscriptions, path)}
-  end
-
-  defp put(state, path, list) do
-    :ets.insert(state.bus.subscriptions, {path, list})
-    %{state | subscriptions: Map.put(state.subscriptions, path, list)}
-  end
-
-  defp at(state, path), do: Map.get(state.subscriptions, path, [])
-
-  defp above(state, path),
-    do: at(state, path) ++ Enum.flat_map(Path.ancestors(path), &at(state, &1))
-
-  # Changes the subscriptions of a process so that no tally changes by it: what was counted before counts for those who were
+  # Changes the subscriptions of a process so that no count changes by it: what was counted before counts for those who were
   # there. Only a process with a unique subscription has others whose share changes.
-  defp change(state, pid, new, fun) do
-    changed = fun.(state)
-    present = of(state, pid)
+  defp change_all(state, pid, fun) do
+    mine = fn -> Pages.of(state.bus, pid) end
+    change(state, mine.(), fun, mine)
+  end
 
-    affected = if Enum.any?(present ++ new, & &1.unique), do: Enum.uniq(present ++ new), else: new
+  defp change(state, affected, fun, affected_then) do
+    before = shares(state, affected)
+    result = fun.()
+    affected = affected_then.()
+    now = shares(state, affected)
 
-    before = shares(state, affected -- new)
-    now = shares(changed, affected)
-
-    for %{id: id} <- affected do
+    for %{id: id, counters: counters} <- affected do
       {delivered, filtered} = Map.get(before, id, {0, 0})
       {delivered_now, filtered_now} = Map.get(now, id, {0, 0})
-      Traffic.correct(state.bus, id, {delivered - delivered_now, filtered - filtered_now})
+      Gate.correct(counters, {delivered - delivered_now, filtered - filtered_now})
     end
 
-    changed
+    result
   end
 
   defp shares(_state, []), do: %{}
-  defp shares(state, list), do: Traffic.shares(sources(state.bus), &above(state, &1), list)
 
-  defp of(state, pid) do
-    {_ref, paths} = Map.get(state.subscribers, pid, {nil, []})
-    for path <- Enum.uniq(paths), %{pid: ^pid} = subscription <- at(state, path), do: subscription
+  defp shares(state, subscriptions) do
+    Traffic.shares(state.sources, fn path ->
+      Enum.filter(subscriptions, &Subscription.reaches?(&1, path))
+    end)
   end
 
-  # Subscribers
+  defp erase(bus, %{id: id} = subscription) do
+    if Subscription.gated?(subscription), do: :ets.match_delete(bus.cells, {{id, :_}, :_})
+  end
 
-  defp watch(state, pid) do
-    if Map.has_key?(state.subscribers, pid) do
-      state
-    else
-      paths = for {path, list} <- state.subscriptions, Enum.any?(list, &(&1.pid == pid)), do: path
-      %{state | subscribers: Map.put(state.subscribers, pid, {Process.monitor(pid), paths})}
+  # What is known of them
+
+  defp note(state, %{pid: pid, path: path, unique: unique}) do
+    state = state |> count(path, 1) |> watch(pid)
+    if unique, do: %{state | unique: Map.put(state.unique, pid, true)}, else: state
+  end
+
+  defp count(state, path, more) do
+    case Map.get(state.crowds, path, 0) + more do
+      0 -> %{state | crowds: Map.delete(state.crowds, path)}
+      count -> %{state | crowds: Map.put(state.crowds, path, count)}
     end
   end
 
-  defp note(state, %{pid: pid, path: path}) do
-    {ref, paths} = Map.fetch!(state.subscribers, pid)
-    paths = if path in paths, do: paths, else: [path | paths]
-    %{state | subscribers: Map.put(state.subscribers, pid, {ref, paths})}
+  defp note_unique(state, pid, gone) do
+    if Enum.any?(gone, & &1.unique) and not Enum.any?(Pages.of(state.bus, pid), & &1.unique),
+      do: %{state | unique: Map.delete(state.unique, pid)},
+      else: state
   end
 
-  defp unwatch(state, pid) do
-    case state.subscribers do
-      %{^pid => {ref, paths}} ->
-        case Enum.filter(paths, fn path -> Enum.any?(at(state, path), &(&1.pid == pid)) end) do
-          [] ->
-            Process.demonitor(ref, [:flush])
-            %{state | subscribers: Map.delete(state.subscribers, pid)}
+  defp watch(%{monitors: monitors} = state, pid) when is_map_key(monitors, pid), do: state
 
-          left ->
-            %{state | subscribers: Map.put(state.subscribers, pid, {ref, left})}
-        end
+  defp watch(state, pid),
+    do: %{state | monitors: Map.put(state.monitors, pid, Process.monitor(pid))}
 
-      _ ->
-        state
-    end
-  end
-
-  # Sources
-
-  defp sources(bus), do: :ets.tab2list(bus.traffic)
-
-  defp unnamed?(path), do: Enum.any?(path, &is_reference/1)
-
-  # Paths with references come and go: of those only the newest are remembered.
-  defp forget(state) do
-    if :queue.len(state.unnamed) > @unnamed_most do
-      {{:value, source}, unnamed} = :queue.out(state.unnamed)
-      forget(%{state | unnamed: unnamed}, :ets.take(state.bus.traffic, source))
+  defp unwatch(%{monitors: monitors} = state, pid) do
+    if is_map_key(monitors, pid) and not Pages.anywhere?(state.bus, pid) do
+      {ref, monitors} = Map.pop(monitors, pid)
+      Process.demonitor(ref, [:flush])
+      %{state | monitors: monitors}
     else
       state
     end
   end
 
-  defp forget(state, sources) do
-    reached =
-      for {{path, _type}, _meter} <- sources, subscription <- above(state, path), do: subscription
-
-    for {id, share} <- Traffic.shares(sources, &above(state, &1), reached),
-        do: Traffic.correct(state.bus, id, share)
-
-    state
+  # Publishers see the prefix at once; the routes that know nothing of it are out of date.
+  defp retain_from_now(state, prefix) do
+    state = outdate(state, prefix)
+    Bus.publish(state.bus, state.routes)
+    later(state, prefix)
   end
 
   # Routes
 
-  defp dirty(state, path), do: %{state | dirty: [path | state.dirty]}
+  # Once is enough until there are new routes.
+  defp outdate(%{outdated: outdated} = state, path) when is_map_key(outdated, path), do: state
 
-  # Publishers without a route look at the subscriptions themselves.
-  defp answer(state, from, reply, path) do
-    if Routes.routed?(state.routes, path) do
-      state |> dirty(path) |> answer_later(from, reply)
+  defp outdate(state, path) do
+    for {{source, type}, meter} <- state.sources,
+        Path.prefix?(path, source),
+        {_, _, _, _, version, _} <- [Routes.find(state.routes, source, type)],
+        Traffic.version(meter) == version,
+        do: Traffic.outdate(meter)
+
+    %{state | outdated: Map.put(state.outdated, path, true)}
+  end
+
+  defp later(state, path), do: wake(%{state | dirty: Map.put(state.dirty, path, true)})
+
+  defp wake(%{timer: nil} = state) do
+    rest_ms = (state.rested_ms || 0) - System.monotonic_time(:millisecond)
+    after_ms = if state.rested_ms, do: max(rest_ms, @together_ms), else: @together_ms
+    %{state | timer: Process.send_after(self(), :flush, after_ms)}
+  end
+
+  defp wake(state), do: state
+
+  defp flush(state) do
+    start_ms = System.monotonic_time(:millisecond)
+    {now, then} = state |> dirty_sources() |> split(state, @most_at_once)
+    routes = Enum.reduce(now, state.routes, &put_route(state, &1, &2))
+    if now != [], do: Bus.publish(state.bus, routes)
+    dirty = Map.new(then, fn {{path, _type}, _meter} -> {path, true} end)
+
+    rest(%{state | routes: routes, outdated: %{}, dirty: dirty}, start_ms)
+  end
+
+  # Where there was no route and will be none, nothing is to do.
+  defp dirty_sources(%{dirty: dirty} = state) do
+    for {{path, type}, _meter} = source <- state.sources,
+        is_map_key(dirty, path) or Enum.any?(Path.ancestors(path), &is_map_key(dirty, &1)),
+        not crowded?(state, path) or Routes.find(state.routes, path, type) != nil,
+        do: source
+  end
+
+  # As many as can be done before somebody who wants to subscribe has waited for long.
+  defp split([source | rest], state, left) when left > 0 do
+    {{path, _type}, _meter} = source
+    {now, then} = split(rest, state, left - 10 - crowd(state, path))
+    {[source | now], then}
+  end
+
+  defp split(then, _state, _left), do: {[], then}
+
+  defp put_route(%{bus: bus} = state, {{path, type}, meter}, routes) do
+    if crowded?(state, path) do
+      Routes.delete(routes, {path, type})
     else
-      answer_now(state, from, reply)
+      {steps, _filtered} = Routes.plan(Pages.above(bus, path), type)
+      sequence = if Bus.retained?(bus, path), do: Retention.sequence(bus, path)
+      targets = Delivery.targets(bus, steps, path)
+      Routes.put(routes, {path, type, meter, targets, Traffic.version(meter), sequence})
     end
   end
 
-  defp answer_now(state, from, reply) do
-    GenServer.reply(from, reply)
-    next(state)
+  defp crowded?(state, path), do: crowd(state, path) > @most_routed
+
+  defp crowd(%{crowds: crowds}, path) do
+    Enum.reduce(Path.ancestors(path), Map.get(crowds, path, 0), &(Map.get(crowds, &1, 0) + &2))
   end
 
-  defp answer_later(state, from, reply) do
-    state = %{state | waiting: [{from, reply} | state.waiting]}
-    if length(state.waiting) < @most_waiting, do: next(state), else: {:noreply, flush(state)}
-  end
-
-  # A time-out of 0 comes when nobody else is asking.
-  defp next(%{waiting: []} = state), do: {:noreply, state}
-  defp next(state), do: {:noreply, state, 0}
-
-  defp later_if_routed(state, path),
-    do: if(Routes.routed?(state.routes, path), do: later(state, path), else: state)
-
-  defp later(state, path), do: state |> dirty(path) |> later()
-
-  defp later(%{timer: nil} = state),
-    do: %{state | timer: Process.send_after(self(), :flush, @together_ms)}
-
-  defp later(state), do: state
-
-  defp flush(state) do
-    routes = state |> stale() |> Enum.reduce(state.routes, &put_route(state, &1, &2))
-    Bus.publish(state.bus, routes)
-    for {from, reply} <- Enum.reverse(state.waiting), do: GenServer.reply(from, reply)
-    %{state | routes: routes, dirty: [], waiting: []}
-  end
-
-  defp stale(state) do
-    state.dirty |> Enum.uniq() |> Enum.flat_map(&Routes.below(state.routes, &1)) |> Enum.uniq()
-  end
-
-  defp put_route(%{bus: bus} = state, {path, type}, routes) do
-    {steps, _filtered} = Routes.plan(above(state, path), path, type)
-    sequence = if Bus.retained?(bus, path), do: Retention.sequence(bus, path)
-    targets = Delivery.targets(bus, steps, path)
-    meter = Traffic.meter(bus, path, type)
-    Routes.put(routes, {path, type, meter, targets, Routes.metered(steps), sequence})
+  defp rest(state, start_ms) do
+    now_ms = System.monotonic_time(:millisecond)
+    cost_ms = now_ms - start_ms + div(:erlang.system_info(:process_count), @processes_a_ms)
+    state = %{state | rested_ms: now_ms + 10 * cost_ms}
+    if state.dirty == %{}, do: state, else: wake(state)
   end
 end

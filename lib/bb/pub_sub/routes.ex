@@ -15,11 +15,11 @@ defmodule BB.PubSub.Routes do
   @type t :: %{(Path.segment() | nil) => [route()] | %{{Path.t(), module()} => route()}}
 
   @typedoc """
-  A source, its meter, and who receives what it publishes; for each of those the subscription that counts by the meter, if
-  any; and the sequence of a retained path's numbers.
+  A source, its meter, and who receives what it publishes; the version of the route, which publishers may take as long as it is
+  that of the meter; and the sequence of a retained path's numbers.
   """
   @type route ::
-          {Path.t(), module(), Traffic.meter() | nil, [target()], [reference() | nil],
+          {Path.t(), module(), Traffic.meter(), [target()], version :: non_neg_integer(),
            :atomics.atomics_ref() | nil}
 
   @typedoc "A process that gets the message, or one that gets it through one of these gates."
@@ -72,69 +72,49 @@ defmodule BB.PubSub.Routes do
 
   defp source({path, type, _, _, _, _}), do: {path, type}
 
-  @doc "For each step the subscription that counts by the source's meter, `nil` where gates count."
-  @spec metered([step()]) :: [reference() | nil]
-  def metered(steps) do
-    for {_pid, [first | _], _shadowed} <- steps,
-        do: if(Subscription.gated?(first), do: nil, else: first.id)
+  @doc "Takes the route of a source away, if there is one."
+  @spec delete(t(), {Path.t(), module()}) :: t()
+  def delete(routes, {path, _type} = source) do
+    last = last(path)
+
+    case delete_among(Map.get(routes, last, []), source) do
+      [] -> Map.delete(routes, last)
+      left -> Map.put(routes, last, left)
+    end
   end
 
-  @doc "The sources at and below a prefix."
-  @spec below(t(), Path.t()) :: [{Path.t(), module()}]
-  def below(routes, prefix) do
-    for {_last, sources} <- routes,
-        {path, type} <- sources(sources),
-        Path.prefix?(prefix, path),
-        do: {path, type}
-  end
-
-  @doc "Whether publishers have a route for anything at or below a prefix; a source without a meter has none yet."
-  @spec routed?(t(), Path.t()) :: boolean()
-  def routed?(routes, prefix) do
-    Enum.any?(routes, fn {_last, few_or_many} ->
-      Enum.any?(
-        routes_of(few_or_many),
-        &(elem(&1, 2) != nil and Path.prefix?(prefix, elem(&1, 0)))
-      )
-    end)
-  end
-
-  defp routes_of(few) when is_list(few), do: few
-  defp routes_of(many), do: Map.values(many)
-
-  defp sources(few) when is_list(few), do: Enum.map(few, &source/1)
-  defp sources(many), do: Map.keys(many)
+  defp delete_among(many, source) when is_map(many), do: Map.delete(many, source)
+  defp delete_among(few, source), do: Enum.reject(few, &(source(&1) == source))
 
   @doc """
-  Who gets what is published at `path` with a payload of `type`: the steps to take, in order, and the subscriptions that hear of
-  the path but do not get it.
+  Who gets a payload of `type`: the steps to take, in order, and the subscriptions that hear of it but do not get it.
 
-  `subscriptions` are those at the path and above it, nearest first.
+  `subscriptions` are those that hear of the path, nearest first.
   """
-  @spec plan([Subscription.t()], Path.t(), module()) :: {[step()], [Subscription.t()]}
-  def plan(subscriptions, path, type) do
-    reached = Enum.filter(subscriptions, &Subscription.reaches?(&1, path))
-    {wanted, filtered} = Enum.split_with(reached, &Subscription.wants?(&1, type))
+  @spec plan([Subscription.t()], module()) :: {[step()], [Subscription.t()]}
+  def plan(subscriptions, type) do
+    {wanted, filtered} = Enum.split_with(subscriptions, &Subscription.wants?(&1, type))
 
-    steps =
-      case for %{unique: true, pid: pid} <- wanted, uniq: true, do: pid do
-        [] -> for subscription <- wanted, do: {subscription.pid, [subscription], []}
-        pids -> one_step_each(wanted, pids)
-      end
-
-    {steps, filtered ++ Enum.flat_map(steps, fn {_pid, _takers, shadowed} -> shadowed end)}
+    case for %{unique: true, pid: pid} <- wanted, into: %{}, do: {pid, []} do
+      none when none == %{} -> {for(one <- wanted, do: {one.pid, [one], []}), filtered}
+      pids -> wanted |> one_step_each(pids) |> and_shadowed(filtered)
+    end
   end
 
   # A process with a unique subscription gets one copy, where the nearest of its subscriptions stands. One that takes
   # everything makes the others superfluous.
-  defp one_step_each([], _pids), do: []
+  defp one_step_each(wanted, pids) do
+    of_each = wanted |> Enum.filter(&is_map_key(pids, &1.pid)) |> Enum.group_by(& &1.pid)
+    steps(wanted, of_each)
+  end
 
-  defp one_step_each([%{pid: pid} = first | rest], pids) do
-    if pid in pids do
-      {others, rest} = Enum.split_with(rest, &(&1.pid == pid))
-      [step(pid, [first | others]) | one_step_each(rest, pids)]
-    else
-      [{pid, [first], []} | one_step_each(rest, pids)]
+  defp steps([], _of_each), do: []
+
+  defp steps([%{pid: pid} = first | rest], of_each) do
+    case of_each do
+      %{^pid => :done} -> steps(rest, of_each)
+      %{^pid => all} -> [step(pid, all) | steps(rest, %{of_each | pid => :done})]
+      _ -> [{pid, [first], []} | steps(rest, of_each)]
     end
   end
 
@@ -143,5 +123,9 @@ defmodule BB.PubSub.Routes do
       nil -> {pid, subscriptions, []}
       plain -> {pid, [plain], List.delete(subscriptions, plain)}
     end
+  end
+
+  defp and_shadowed(steps, filtered) do
+    {steps, filtered ++ Enum.flat_map(steps, fn {_pid, _takers, shadowed} -> shadowed end)}
   end
 end

@@ -9,14 +9,14 @@ defmodule BB.PubSub.Subscription do
   alias BB.{Options, Path}
   alias BB.PubSub.Gate
 
-  @enforce_keys [:id, :pid, :path]
+  @enforce_keys [:id, :pid, :path, :counters]
   defstruct [
     :id,
     :pid,
     :path,
     :period_ns,
     :max_queue,
-    :gate,
+    :counters,
     message_types: [],
     replay: false,
     exact: false,
@@ -33,7 +33,7 @@ defmodule BB.PubSub.Subscription do
           replay: boolean(),
           exact: boolean(),
           unique: boolean(),
-          gate: Gate.counters() | nil
+          counters: Gate.counters()
         }
 
   @schema Options.new!(
@@ -80,10 +80,11 @@ defmodule BB.PubSub.Subscription do
   def new(path, opts) do
     opts = check!(opts)
 
-    subscription = %__MODULE__{
+    %__MODULE__{
       id: make_ref(),
       pid: self(),
       path: Path.validate!(path),
+      counters: Gate.counters(),
       period_ns: opts[:max_rate] && ceil(1_000_000_000 / opts[:max_rate]),
       message_types: opts[:message_types],
       replay: opts[:replay],
@@ -91,8 +92,6 @@ defmodule BB.PubSub.Subscription do
       unique: opts[:unique],
       max_queue: opts[:max_queue]
     }
-
-    if gated?(subscription), do: %{subscription | gate: Gate.counters()}, else: subscription
   end
 
   defp check!(opts) do

@@ -13,7 +13,9 @@ defmodule BB.PubSub.ModelTest do
   alias BB.Test.Actor
 
   @actors 0..2
-  @paths [[], [:a], [:b], [:a, :a], [:a, :b], [:a, :b, :c], [:param], [:param, :a]]
+  # An atom that means something in a match is a segment as any other. `:reference` stands for a reference of the run's own.
+  @paths [[], [:a], [:b], [:a, :a], [:a, :b], [:a, :b, :c], [:param], [:param, :a]] ++
+           [[:a, :_], [:"$1"], [:a, :reference], [:param, :reference]]
   @types [[], [Status], [PowerState], [Status, PowerState]]
 
   defp step do
@@ -49,6 +51,7 @@ defmodule BB.PubSub.ModelTest do
     forall steps <- list(step()) do
       robot = Module.concat(__MODULE__, "Robot#{System.unique_integer([:positive])}")
       {:ok, bus} = PubSub.start_link(robot)
+      Process.put(:reference, make_ref())
       actors = Map.new(@actors, &{&1, Actor.start()})
       numbered = Enum.with_index(steps, 1)
 
@@ -69,19 +72,24 @@ defmodule BB.PubSub.ModelTest do
       assert {who, numbers(Actor.received(actor))} ==
                {who, Enum.reverse(Map.get(model.mailboxes, who, []))}
 
-      mine = for s <- model.subscriptions, s.who == who, do: {s.path, model.counts[s.id]}
+      mine = for s <- model.subscriptions, s.who == who, do: {real(s.path), model.counts[s.id]}
       counted = for %{pid: ^actor} = r <- rows, do: {r.path, {r.delivered, r.dropped, r.filtered}}
       assert Enum.sort(counted) == Enum.sort(mine)
     end
 
     for path <- @paths do
       expected = for %{path: ^path} = s <- model.subscriptions, do: {actors[s.who], types(s)}
-      assert Enum.sort(PubSub.subscribers(robot, path)) == Enum.sort(expected)
-      assert number(PubSub.last(robot, path)) == model.last[path]
+      assert Enum.sort(PubSub.subscribers(robot, real(path))) == Enum.sort(expected)
+      assert number(PubSub.last(robot, real(path))) == model.last[path]
     end
   end
 
-  defp numbers(received), do: for({path, payload} <- received, do: {path, number(payload)})
+  defp real(path),
+    do: Enum.map(path, &if(&1 == :reference, do: Process.get(:reference), else: &1))
+
+  defp model(path), do: Enum.map(path, &if(is_reference(&1), do: :reference, else: &1))
+
+  defp numbers(received), do: for({path, payload} <- received, do: {model(path), number(payload)})
   defp number(nil), do: nil
   defp number(%Message{payload: payload}), do: number(payload)
   defp number(%Status{restarts: n}), do: {Status, n}
@@ -90,11 +98,13 @@ defmodule BB.PubSub.ModelTest do
   # What is done to the bus.
 
   defp act({{:subscribe, who, path, opts}, _n}, robot, actors) do
+    path = real(path)
     {:ok, _} = Actor.run(actors[who], fn -> PubSub.subscribe(robot, path, opts) end)
     actors
   end
 
   defp act({{:unsubscribe, who, path}, _n}, robot, actors) do
+    path = real(path)
     :ok = Actor.run(actors[who], fn -> PubSub.unsubscribe(robot, path) end)
     actors
   end
@@ -105,13 +115,13 @@ defmodule BB.PubSub.ModelTest do
   end
 
   defp act({{:retain, path}, _n}, robot, actors) do
-    :ok = PubSub.retain(robot, path)
+    :ok = PubSub.retain(robot, real(path))
     actors
   end
 
   defp act({{:publish, path, type, except}, n}, robot, actors) do
     opts = if except == [], do: [], else: [except: Enum.map(except, &actors[&1])]
-    :ok = PubSub.publish(robot, path, message(type, n), opts)
+    :ok = PubSub.publish(robot, real(path), message(type, n), opts)
     actors
   end
 

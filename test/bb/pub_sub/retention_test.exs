@@ -220,45 +220,143 @@ defmodule BB.PubSub.RetentionTest do
     end)
   end
 
-  test "a message that is being replayed holds up a newer one, an older one is not delivered any more" do
-    cell = :atomics.new(2, [])
-    subscription = %{PubSub.Subscription.new([:a], replay: true) | pid: self()}
-    gate = {Gate.counters(), cell, subscription}
+  describe "a message that is being replayed" do
+    setup do
+      sequence = :atomics.new(1, [])
+      :atomics.put(sequence, 1, 9)
+      subscription = PubSub.Subscription.new([:a], replay: true)
+      cell = :atomics.new(2, [])
+      gate = {subscription.counters, cell, subscription}
+      stamped = fn n -> Gate.deliver([gate], self_of(subscription), {:bb, n}, {n, sequence}) end
+      %{cell: cell, subscription: subscription, publish: stamped}
+    end
+
+    defp self_of(%{pid: pid}), do: pid
+
+    # Every way in which a publisher's message can meet a replay of number 5: before, between its two steps, after. What
+    # arrives is in order, without a copy, and ends with the newest.
+    test "stands before everything newer, once, whenever publishers come", context do
+      %{cell: cell, publish: publish} = context
+
+      for early <- [[], [4], [5], [6], [4, 6], [6, 7], [6, 4]], late <- [[], [4], [5], [8]] do
+        for index <- 1..2, do: :atomics.put(cell, index, 0)
+        # The subscriber is about to replay 5, and somebody publishes.
+        :atomics.put(cell, 1, -5)
+        Enum.each(early, publish)
+        if :atomics.compare_exchange(cell, 1, -5, 5) == :ok, do: send(self(), {:bb, 5})
+        Enum.each(late, publish)
+
+        newer = Enum.filter(early ++ late, &(&1 > 5))
+        overtaken? = Enum.any?(early, &(&1 > 5))
+        assert arrived([]) == if(overtaken?, do: newer, else: [5 | newer])
+      end
+    end
+
+    test "is sent by the subscriber alone when nobody comes", %{cell: cell, publish: publish} do
+      :ok = Gate.replay(cell, 5, fn -> send(self(), {:bb, 5}) end, fn -> flunk("taken back") end)
+      Enum.each([4, 5, 6], publish)
+      assert arrived([]) == [5, 6]
+    end
+
+    test "is left out when a publisher was first", %{cell: cell, publish: publish} do
+      publish.(9)
+      :ok = Gate.replay(cell, 5, fn -> flunk("replayed") end, fn -> flunk("taken back") end)
+      assert arrived([]) == [9]
+    end
+
+    test "is not passed by an older one of a publisher that is late", context do
+      %{cell: cell, publish: publish} = context
+      publish.(8)
+      :ok = Gate.replay(cell, 9, fn -> send(self(), {:bb, 9}) end, fn -> flunk("taken back") end)
+      assert arrived([]) == [9]
+    end
+
+    test "is taken back when a publisher could not wait until it was sent", context do
+      %{cell: cell, publish: publish} = context
+
+      send_late = fn ->
+        # The thread of the subscriber stands still here, longer than a publisher waits.
+        Task.await(Task.async(fn -> publish.(6) end), 60_000)
+        send(self(), {:bb, 5})
+      end
+
+      take_back = fn -> receive do: ({:bb, 5} -> :ok) end
+      :ok = Gate.replay(cell, 5, send_late, take_back)
+      publish.(7)
+      assert arrived([]) == [6, 7]
+    end
+
+    test "is waited for by nobody when the replays are over", context do
+      %{subscription: subscription, publish: publish} = context
+      Gate.replayed_all(subscription.counters)
+      Enum.each([1, 2], publish)
+      assert arrived([]) == [1, 2]
+    end
+
+    defp arrived(numbers) do
+      receive do
+        {:bb, n} -> arrived([n | numbers])
+      after
+        0 -> Enum.reverse(numbers)
+      end
+    end
+  end
+
+  # At whatever point of its replay a subscriber stands still: publishers go on, and once it goes on too it has got of each path
+  # the last message that there was when it came, or only newer ones, in order and once.
+  test "a subscriber that is suspended while it replays holds up no publisher, and gets everything in order",
+       %{
+         robot: robot
+       } do
+    paths = for n <- 1..200, do: [:param, :"suspended_#{n}"]
+    for path <- paths, do: publish(robot, path, 1..2)
     test = self()
 
-    Gate.replay(cell, fn ->
-      newer = Task.async(fn -> Gate.deliver([gate], test, {:bb, :newer}, 6) end)
-      older = Task.async(fn -> Gate.deliver([gate], test, {:bb, :older}, 4) end)
-      same = Task.async(fn -> Gate.deliver([gate], test, {:bb, :same}, 5) end)
-      send(test, {:tasks, [newer, older, same]})
-      :erlang.yield()
-      send(test, {:bb, :replayed})
-      5
-    end)
+    for round <- 1..40 do
+      newest = 2 + 2 * round
 
-    assert_received {:tasks, tasks}
-    Task.await_many(tasks, :infinity)
-    assert_received {:bb, first}
-    assert_received {:bb, second}
-    assert {first, second} == {:replayed, :newer}
-    refute_received {:bb, _}
+      subscriber =
+        spawn_link(fn ->
+          {:ok, _} = PubSub.subscribe(robot, [:param], replay: true)
+          send(test, {:subscribed, self()})
+          receive do: (:tell -> send(test, {self(), take([])}))
+        end)
+
+      suspend_in_replay(subscriber, round)
+
+      publisher =
+        Task.async(fn -> for path <- paths, do: publish(robot, path, [newest - 1, newest]) end)
+
+      Task.await(publisher, 60_000)
+      :erlang.resume_process(subscriber)
+      assert_receive {:subscribed, ^subscriber}, 60_000
+      send(subscriber, :tell)
+      assert_receive {^subscriber, received}, 60_000
+
+      for path <- paths do
+        numbers = for {^path, n} <- received, do: n
+        assert numbers in [[newest - 2, newest - 1, newest], [newest - 1, newest], [newest]]
+      end
+    end
   end
 
-  test "a publisher that was first leaves nothing to replay" do
-    cell = :atomics.new(2, [])
-    subscription = %{PubSub.Subscription.new([:a], replay: true) | pid: self()}
-    Gate.deliver([{Gate.counters(), cell, subscription}], self(), {:bb, :first}, 5)
-    Gate.replay(cell, fn -> flunk("replayed") end)
-    assert_received {:bb, :first}
+  # Let go and caught again, until it has begun.
+  defp suspend_in_replay(pid, turns) do
+    for _ <- 1..turns, do: :erlang.yield()
+    true = :erlang.suspend_process(pid)
+
+    unless Process.info(pid, :message_queue_len) > {:message_queue_len, 0} do
+      :erlang.resume_process(pid)
+      suspend_in_replay(pid, 1)
+    end
   end
 
-  test "a publisher does not wait for a subscriber that died while it replayed" do
-    cell = :atomics.new(2, [])
-    actor = Actor.start()
-    Actor.stop(actor)
-    :atomics.put(cell, 1, -1)
-    subscription = %{PubSub.Subscription.new([:a], replay: true) | pid: actor}
-    assert Gate.deliver([{Gate.counters(), cell, subscription}], actor, :late, 1) == :ok
+  defp take(taken) do
+    receive do
+      {:bb, path, message} -> take([{path, message.payload.restarts} | taken])
+    after
+      0 -> Enum.reverse(taken)
+    end
   end
 
   describe "subscriptions and last messages" do
