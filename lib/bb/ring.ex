@@ -41,6 +41,7 @@ defmodule BB.Ring do
   | `{:no_topic, path}` | there is no such topic (only `info/1` says so: a subscriber waits for it) |
   | `{:no_reader_slot, path}` | sixteen subscribers are attached already |
   | `{:system, path, operation, errno}` | the operating system refused `operation`; `errno` as a number, see `BB.Errno` |
+  | `{:other_content, tag}` | the topic's messages have another content than a subscriber takes; 0 where the topic names none |
   | `:closed` | the publisher or subscriber was closed, or its owner has died |
   | `:message_too_large` | the message is longer than the topic's slots |
   | `:slot_held` | a subscriber holds the slot, so that this message was dropped |
@@ -60,6 +61,7 @@ defmodule BB.Ring do
           | {:no_reader_slot, Path.t()}
           | {:system, Path.t(), operation :: String.t(), errno :: integer()}
           | {:thread, String.t()}
+          | {:other_content, tag :: non_neg_integer()}
           | :closed
           | :message_too_large
           | :slot_held
@@ -102,6 +104,15 @@ defmodule BB.Ring do
   @spec info(String.t()) :: {:ok, info()} | {:error, reason()}
   def info(topic), do: topic |> check_found_topic!() |> Native.topic_info()
 
+  @doc """
+  The content tag of an encoding's name, as a topic carries it.
+
+      iex> BB.Ring.content_tag("sensor_msgs/msg/Imu") == BB.Ring.content_tag("sensor_msgs/msg/LaserScan")
+      false
+  """
+  @spec content_tag(String.t()) :: non_neg_integer()
+  def content_tag(name) when is_binary(name), do: Native.content_tag(name)
+
   @doc "Now on the ring's clock (CLOCK_MONOTONIC_RAW), in nanoseconds: comparable with any message's `timestamp_ns`."
   @spec now_ns() :: non_neg_integer()
   def now_ns, do: Native.now_ns()
@@ -134,11 +145,19 @@ defmodule BB.Ring do
   def format_error({:system, path, operation, errno}),
     do: "#{path}: #{operation} failed: #{BB.Errno.words(errno)}"
 
+  def format_error({:other_content, 0}),
+    do: "the topic does not say what its messages are (it has no content tag)"
+
+  def format_error({:other_content, tag}),
+    do: "the topic has messages of another kind: its content tag is #{hex(tag)}"
+
   def format_error({:thread, text}), do: "no thread could be started: #{text}"
   def format_error(:closed), do: "it is closed"
   def format_error(:message_too_large), do: "the message is longer than a slot of the topic"
   def format_error(:slot_held), do: "a subscriber holds the slot"
   def format_error(reason), do: inspect(reason)
+
+  defp hex(tag), do: "0x" <> (tag |> Integer.to_string(16) |> String.pad_leading(16, "0"))
 
   # The name of a topic that is made: read by each language's programs and tools.
   @doc false

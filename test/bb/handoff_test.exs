@@ -13,6 +13,8 @@ defmodule BB.HandoffTest do
   alias BB.Ring.{Message, Publisher, Subscriber}
   alias BB.Test.Vectors
 
+  doctest BB.Handoff.Content
+
   @path [:sensor, :base_link, :imu]
 
   defp outlet_robot(topic, opts \\ []) do
@@ -218,7 +220,7 @@ defmodule BB.HandoffTest do
 
     defp carries(BB.Handoff.Inlet, topic) do
       robot = guarded_robot(BB.Handoff.Inlet, inlet(topic), @seconds)
-      {:ok, publisher} = Publisher.open(topic)
+      {:ok, publisher} = Publisher.open(topic, content: Encoding.TagDetections.content())
       {robot, fn -> :ok = Publisher.publish(publisher, Vectors.read!("tags")) end}
     end
 
@@ -262,6 +264,121 @@ defmodule BB.HandoffTest do
     end
   end
 
+  describe "an inlet whose topic has other messages than those of its encoding" do
+    @scan "sensor_msgs/msg/LaserScan"
+
+    # A message that decodes, so that nothing but the tag keeps it from being published.
+    defp publish_until(publisher, fun) do
+      eventually(
+        fn ->
+          _ = Publisher.publish(publisher, Vectors.read!("tags"))
+          fun.()
+        end,
+        30_000
+      )
+    end
+
+    defp down(robot) do
+      eventually(fn -> (h = health(robot, :inlet)).state == :backoff && h.reason && h end, 30_000)
+    end
+
+    test "is down, says what they are, and publishes nothing" do
+      for {content, reason, words} <- [
+            {@scan, {:other_content, @scan}, "the topic has messages of #{@scan}"},
+            {"conduit/frame", {:other_content, "conduit/frame"}, "conduit/frame"},
+            {"my_msgs/msg/Own", {:other_content, BB.Ring.content_tag("my_msgs/msg/Own")},
+             "content tag 0x"},
+            {nil, {:other_content, :untagged}, "`untagged: true`"}
+          ] do
+        topic = topic()
+        {:ok, publisher} = Publisher.open(topic, if(content, do: [content: content], else: []))
+        robot = inlet_robot(topic)
+        start_supervised!(robot)
+        {:ok, _} = BB.subscribe(robot, [:sensor])
+        assert %{reason: ^reason, error: error} = down(robot)
+        assert error =~ words
+        # It is tried again and again, with messages there.
+        publish_until(publisher, fn -> health(robot, :inlet).restarts >= 2 end)
+        refute_received {:bb, [:sensor | _], _}
+        :ok = stop_supervised!(robot)
+        Publisher.close(publisher)
+      end
+    end
+
+    test "comes up when the topic has what it expects" do
+      topic = topic()
+      {:ok, other} = Publisher.open(topic, content: @scan)
+      robot = inlet_robot(topic)
+      start_supervised!(robot)
+      {:ok, _} = BB.subscribe(robot, [:sensor])
+      down(robot)
+      :ok = Publisher.close(other)
+      {:ok, publisher} = Publisher.open(topic, content: Encoding.TagDetections.content())
+
+      publish_until(publisher, fn ->
+        published?(robot)
+      end)
+
+      assert health(robot, :inlet).state == :up
+    end
+
+    test "notices a publisher that comes later, and one that takes the topic over" do
+      for close? <- [true, false] do
+        topic = topic()
+        robot = start_up!(inlet_robot(topic), :inlet)
+        {:ok, _} = BB.subscribe(robot, [:sensor])
+
+        # The topic is awaited, and is one of detections first.
+        owner = BB.Test.Actor.start()
+        {:ok, first} = BB.Test.Actor.run(owner, fn -> open_read(topic) end)
+
+        publish_until(first, fn ->
+          published?(robot)
+        end)
+
+        assert_receive {:bb, _, %{payload: %TagDetections{}}}, 30_000
+
+        # Then somebody else publishes there, after a proper end or a death.
+        if close?, do: Publisher.close(first)
+        BB.Test.Actor.stop(owner)
+        {:ok, second} = eventually(fn -> other_publisher(topic) end, 30_000)
+        assert %{reason: {:other_content, @scan}} = down(robot)
+        forget_sensor()
+        publish_until(second, fn -> health(robot, :inlet).restarts >= 2 end)
+        refute_received {:bb, [:sensor | _], _}
+        :ok = stop_supervised!(robot)
+        Publisher.close(second)
+      end
+    end
+
+    test "takes one that says nothing when it is told to, and no other" do
+      topic = topic()
+      robot = start_up!(inlet_robot(topic, untagged: true), :inlet)
+      {:ok, _} = BB.subscribe(robot, [:sensor])
+      {:ok, publisher} = open_read(topic, content: nil)
+      :ok = Publisher.publish(publisher, Vectors.read!("tags"))
+      assert_receive {:bb, _, %{payload: %TagDetections{}}}, 30_000
+      :ok = Publisher.close(publisher)
+      {:ok, _other} = Publisher.open(topic, content: @scan)
+      assert %{reason: {:other_content, @scan}} = down(robot)
+    end
+
+    defp published?(robot),
+      do: match?({:ok, %{published: n}} when n > 0, BB.Handoff.stats(robot, :inlet))
+
+    defp other_publisher(topic) do
+      with {:error, _still_there} <- Publisher.open(topic, content: @scan), do: nil
+    end
+
+    defp forget_sensor do
+      receive do
+        {:bb, [:sensor | _], _} -> forget_sensor()
+      after
+        0 -> :ok
+      end
+    end
+  end
+
   test "the counters of one that is down are an error" do
     topic = topic()
     {:ok, _publisher} = Publisher.open(topic)
@@ -284,8 +401,9 @@ defmodule BB.HandoffTest do
     assert Exception.message(error) =~ "A-Z a-z 0-9 _ . -"
   end
 
-  defp open_read(topic) do
-    {:ok, publisher} = Publisher.open(topic, slot_count: 128)
+  defp open_read(topic, opts \\ []) do
+    opts = [slot_count: 128, content: Encoding.TagDetections.content()] |> Keyword.merge(opts)
+    {:ok, publisher} = Publisher.open(topic, Enum.filter(opts, &elem(&1, 1)))
     eventually(fn -> match?({:ok, %{readers: [_]}}, BB.Ring.info(topic)) end)
     {:ok, publisher}
   end

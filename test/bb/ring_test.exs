@@ -4,6 +4,8 @@ defmodule BB.RingTest do
   alias BB.Ring
   alias BB.Ring.{Message, Publisher, Subscriber}
 
+  doctest BB.Ring
+
   setup context do
     Map.put(context, :topic, BB.Test.Native.topic())
   end
@@ -333,6 +335,85 @@ defmodule BB.RingTest do
       await_readers(topic, 16)
       assert {:error, {:no_reader_slot, _path} = reason} = Subscriber.open(topic)
       assert Ring.format_error(reason) =~ "16 subscribers"
+    end
+  end
+
+  describe "a subscriber that takes one content" do
+    @imu "sensor_msgs/msg/Imu"
+    @scan "sensor_msgs/msg/LaserScan"
+
+    test "is refused on a topic of another one, and on one that says nothing", %{topic: topic} do
+      for {opts, tag} <- [{[content: @scan], Ring.content_tag(@scan)}, {[], 0}] do
+        publisher = open!(topic, opts)
+        assert {:error, {:other_content, ^tag} = reason} = Subscriber.open(topic, content: @imu)
+        assert Ring.format_error(reason) =~ "content tag"
+        assert {:ok, %{readers: []}} = Ring.info(topic)
+        Publisher.close(publisher)
+      end
+    end
+
+    test "gets the messages of its own, and with untagged those of one that says nothing", %{
+      topic: topic
+    } do
+      for {of, opts} <- [{[content: @imu], []}, {[], [untagged: true]}] do
+        publisher = open!(topic, of)
+        subscriber = attached!(topic, [content: @imu] ++ opts)
+        :ok = Publisher.publish(publisher, "hello")
+        assert {:ok, %Message{data: "hello"}} = Subscriber.recv(subscriber, 60_000)
+        Subscriber.close(subscriber)
+        Publisher.close(publisher)
+      end
+    end
+
+    test "is told once when another one comes, gets nothing of it, and goes on after it", %{
+      topic: topic
+    } do
+      %{ref: ref} = subscriber = subscribe!(topic, content: @imu, active: true)
+
+      for _ <- 1..2 do
+        other = open!(topic, content: @scan)
+        tag = Ring.content_tag(@scan)
+        assert_receive {:bb_ring, ^ref, {:error, {:other_content, ^tag}}}, 60_000
+        for n <- 1..10, do: :ok = Publisher.publish(other, "other #{n}")
+        Publisher.close(other)
+        assert_receive {:bb_ring, ^ref, :publisher_down}, 60_000
+
+        mine = open!(topic, content: @imu)
+        assert_receive {:bb_ring, ^ref, :publisher_up}, 60_000
+        await_readers(topic, 1)
+        :ok = Publisher.publish(mine, "mine")
+        assert_receive {:bb_ring, ^ref, %Message{data: "mine"}}, 60_000
+        Publisher.close(mine)
+        assert_receive {:bb_ring, ^ref, :publisher_down}, 60_000
+      end
+
+      refute_received {:bb_ring, ^ref, %Message{}}
+      refute_received {:bb_ring, ^ref, {:error, _}}
+      Subscriber.close(subscriber)
+    end
+
+    test "gets nothing of another one by asking for it either", %{topic: topic} do
+      subscriber = subscribe!(topic, content: @imu, start: {:history, 10})
+      other = open!(topic, content: @scan, slot_count: 16, slot_size: 262_144)
+      await_attached(topic, subscriber)
+      for _ <- 1..3, do: :ok = Publisher.publish(other, :binary.copy("x", 200_000))
+      assert {:error, :empty} = Subscriber.latest(subscriber)
+      assert {:error, :empty} = Subscriber.with_frame(subscriber, &flunk(inspect(&1)))
+      assert {:error, :timeout} = Subscriber.recv(subscriber, 50)
+    end
+
+    # A passive subscriber looks for its topic when it is asked.
+    defp await_attached(topic, subscriber) do
+      {:error, :empty} = Subscriber.latest(subscriber)
+
+      case Ring.info(topic) do
+        {:ok, %{readers: [_]}} ->
+          :ok
+
+        _ ->
+          Process.sleep(1)
+          await_attached(topic, subscriber)
+      end
     end
   end
 

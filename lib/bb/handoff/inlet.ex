@@ -19,6 +19,13 @@ defmodule BB.Handoff.Inlet do
               default: 64,
               doc:
                 "Messages that may wait in the inlet's mailbox; what comes faster stays in the ring and may be lost there."
+            ],
+            untagged: [
+              type: :boolean,
+              default: false,
+              doc:
+                "Whether to take a topic whose publisher does not say what its messages are. " <>
+                  "What then does not decode is counted as malformed, and what decodes by chance is published."
             ]
           )
 
@@ -28,6 +35,11 @@ defmodule BB.Handoff.Inlet do
       sensor :tags_inlet, {BB.Handoff.Inlet, topic: "tags", encoding: BB.Handoff.Encoding.TagDetections, to: [:sensor, :base_link, :tags]}
 
   The topic need not exist yet; it may come, go and come back.
+
+  A topic says what its messages are, by the name of an encoding that its publisher gives (`content`).
+  When that is another one than the inlet's, also later when another publisher has come, the inlet
+  publishes nothing: it goes down with `{:other_content, name}` (the tag where the name is not known, `:untagged`
+  where the topic names none), and comes back by backoff when the topic is what it expects.
 
   `BB.Handoff.stats/2` gives `%{published: n, lost: n, malformed: n}`: `lost` counts what the ring overwrote before it was read; a message
   that does not decode is counted as malformed, and the first of a row is logged.
@@ -42,6 +54,7 @@ defmodule BB.Handoff.Inlet do
 
   use BB.Sensor, options_schema: @schema
 
+  alias BB.Handoff.Content
   alias BB.Ring.{Message, Subscriber}
 
   require Logger
@@ -52,7 +65,7 @@ defmodule BB.Handoff.Inlet do
   def init(opts) do
     %{robot: robot, path: path} = opts[:bb]
 
-    case Subscriber.open(opts[:topic], active: opts[:credits]) do
+    case Subscriber.open(opts[:topic], subscription(opts)) do
       {:ok, ring} ->
         {:ok,
          %{
@@ -71,15 +84,25 @@ defmodule BB.Handoff.Inlet do
          }}
 
       {:error, reason} ->
-        {:stop, {:ring, reason}}
+        {:stop, down(reason)}
     end
   end
+
+  defp subscription(opts) do
+    [active: opts[:credits], content: opts[:encoding].content(), untagged: opts[:untagged]]
+  end
+
+  defp down({:other_content, tag}), do: {:other_content, Content.name(tag)}
+  defp down(reason), do: {:ring, reason}
 
   @impl BB.Sensor
   def handle_info({:bb_ring, ref, %Message{} = message}, %{ref: ref} = state) do
     {:noreply,
      %{state | lost: state.lost + message.lost} |> publish(message.data) |> use_credit()}
   end
+
+  def handle_info({:bb_ring, ref, {:error, {:other_content, _} = reason}}, %{ref: ref} = state),
+    do: {:stop, {:shutdown, down(reason)}, state}
 
   def handle_info({:bb_ring, ref, {:error, reason}}, %{ref: ref} = state) do
     Logger.warning("#{state.name}: #{BB.Ring.format_error(reason)}")
@@ -95,6 +118,7 @@ defmodule BB.Handoff.Inlet do
 
   @impl BB.Sensor
   def explain({:ring, reason}), do: BB.Ring.format_error(reason)
+  def explain({:other_content, content}), do: Content.explain(content)
 
   @impl BB.Sensor
   def terminate(_reason, state), do: Subscriber.close(state.ring)

@@ -9,6 +9,7 @@ defmodule BB.Ring.Native do
   def now_ns, do: not_loaded()
   def nothing, do: not_loaded()
   def topic_info(_topic), do: not_loaded()
+  def content_tag(_name), do: not_loaded()
 
   def publisher_open(_topic, _options), do: not_loaded()
   def publish_binary(_publisher, _data), do: not_loaded()

@@ -23,6 +23,18 @@ defmodule BB.Ring.Subscriber do
               default: :auto,
               doc:
                 "Guarded reading: a file that another process cuts off is an error then, where it would kill the VM (SIGBUS). Costs a few system calls a message. `:auto`: of topics that belong to another user."
+            ],
+            content: [
+              type: :string,
+              doc:
+                "Name of the encoding that the messages must have, such as `\"sensor_msgs/msg/Imu\"`. " <>
+                  "Messages of a topic with another content are not delivered, and the owner is told. " <>
+                  "None: whatever the topic has."
+            ],
+            untagged: [
+              type: :boolean,
+              default: false,
+              doc: "With `content`: takes a topic too that does not say what its messages are."
             ]
           )
 
@@ -52,6 +64,7 @@ defmodule BB.Ring.Subscriber do
   | `{:bb_ring_passive, ref}` | the credits are used up |
   | `{:bb_ring, ref, :publisher_up}`, `{:bb_ring, ref, :publisher_down}` | the topic has a live publisher now, or has none any more |
   | `{:bb_ring, ref, {:error, reason}}` | attaching failed (see `BB.Ring`); told once, tried again by itself |
+  | `{:bb_ring, ref, {:error, {:other_content, tag}}}` | the topic has another content than `content` now; nothing of it is delivered |
 
   ## Options
 
@@ -77,7 +90,7 @@ defmodule BB.Ring.Subscriber do
            Native.subscriber_open(
              topic,
              ref,
-             Map.new(Keyword.take(opts, [:start, :policy, :guard]))
+             native_options(opts)
            ) do
       subscriber = %__MODULE__{handle: handle, ref: ref, topic: topic}
       _ = active(subscriber, opts[:active])
@@ -187,6 +200,13 @@ defmodule BB.Ring.Subscriber do
   def check_active(other) do
     {:error,
      "expected true, false, :once or a number from -32768 to 32767, got: #{inspect(other)}"}
+  end
+
+  defp native_options(opts) do
+    opts
+    |> Keyword.take([:start, :policy, :guard, :untagged])
+    |> Map.new()
+    |> Map.put(:content, opts[:content])
   end
 
   # Nothing here may refer to the message once `fun` has it: it would count as kept.

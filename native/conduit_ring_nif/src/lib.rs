@@ -37,6 +37,12 @@ fn nothing() -> rustler::Atom {
     rustler::types::atom::ok()
 }
 
+/// The content tag of an encoding's name.
+#[rustler::nif]
+fn content_tag(name: &str) -> u64 {
+    conduit_ring::ContentTag::of(name).value()
+}
+
 #[rustler::nif(schedule = "DirtyIo")]
 fn topic_info<'a>(env: Env<'a>, topic: &str) -> NifResult<Term<'a>> {
     let info = conduit_ring::Topic::found(topic).and_then(|topic| conduit_ring::Info::read(&topic));

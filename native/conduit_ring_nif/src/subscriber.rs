@@ -5,7 +5,8 @@ use std::sync::{Condvar, Mutex, MutexGuard};
 use std::time::Duration;
 
 use conduit_ring::{
-    Error, Guard, Lease, Meta, Policy, Received, Start, Subscriber, SubscriberOptions, Topic, Waker,
+    ContentTag, Error, Guard, Lease, Meta, Policy, Received, Start, Subscriber, SubscriberOptions,
+    Topic, Waker,
 };
 use rustler::env::SavedTerm;
 use rustler::{
@@ -126,6 +127,31 @@ struct OpenOptions {
     start: StartTerm,
     policy: PolicyTerm,
     guard: GuardTerm,
+    content: Option<String>,
+    untagged: bool,
+}
+
+/// Which topics' messages the owner takes. An encoding's name, and whether a topic that names none will do.
+struct Expected {
+    content: Option<ContentTag>,
+    untagged: bool,
+}
+
+impl Expected {
+    fn of(options: &OpenOptions) -> Self {
+        Self {
+            content: options.content.as_deref().map(ContentTag::of),
+            untagged: options.untagged,
+        }
+    }
+
+    /// What is there instead of what is expected. A topic that is not there yet may be anything.
+    fn other(&self, ring: &Subscriber) -> Option<ContentTag> {
+        let found = ring.content()?;
+        let expected = self.content?;
+        let accepted = found == expected || (self.untagged && found == ContentTag::RAW);
+        (!accepted).then_some(found)
+    }
 }
 
 #[derive(NifTaggedEnum)]
@@ -195,11 +221,15 @@ fn subscriber_open<'a>(
     reference: Reference<'a>,
     options: OpenOptions,
 ) -> NifResult<Term<'a>> {
+    let expected = Expected::of(&options);
     let options = SubscriberOptions::from(options);
     let ring = match Topic::found(topic).and_then(|topic| Subscriber::open(&topic, &options)) {
         Ok(ring) => ring,
         Err(error) => return Ok(failure(env, &error)),
     };
+    if let Some(other) = expected.other(&ring) {
+        return Ok(terms::other_content(env, other));
+    }
     let owner = env.pid();
     let resource = ResourceArc::new(SubscriberResource(Shared::new(ring.waker())));
     let reader = Reader {
@@ -208,6 +238,8 @@ fn subscriber_open<'a>(
         resource: resource.clone(),
         post: Post::new(owner, reference),
         last_error: None,
+        expected,
+        refused: None,
     };
     let thread = std::thread::Builder::new()
         .name("bb_ring".into())
@@ -284,6 +316,9 @@ struct Reader {
     resource: ResourceArc<SubscriberResource>,
     post: Post,
     last_error: Option<String>,
+    expected: Expected,
+    /// The content that the owner was last told of as another one.
+    refused: Option<ContentTag>,
 }
 
 impl Reader {
@@ -373,6 +408,7 @@ impl Reader {
     fn lease(&mut self) -> Result<Lease, Atom> {
         loop {
             match self.ring.try_lease() {
+                Ok(Received::Message(_meta, _lease)) if self.refuses() => {}
                 Ok(Received::Message(_meta, lease)) => return Ok(lease),
                 Ok(Received::Nothing) => return Err(atoms::empty()),
                 Ok(Received::PublisherUp) => self.post.event(atoms::publisher_up()),
@@ -390,6 +426,7 @@ impl Reader {
     fn read(&mut self) -> Option<(Meta, Buffer)> {
         loop {
             match self.ring.try_read_with(Buffer::with_len) {
+                Ok(Received::Message(_meta, _data)) if self.refuses() => {}
                 Ok(Received::Message(meta, data)) => return Some((meta, data)),
                 Ok(Received::Nothing) => return None,
                 Ok(Received::PublisherUp) => self.post.event(atoms::publisher_up()),
@@ -402,7 +439,21 @@ impl Reader {
         }
     }
 
+    /// Whether the topic has another content than the owner takes, which it is told once. What is read of it goes nowhere.
+    fn refuses(&mut self) -> bool {
+        let other = self.expected.other(&self.ring);
+        if let Some(other) = other
+            && self.refused != Some(other)
+        {
+            self.post.other_content(other);
+        }
+        self.refused = other;
+        other.is_some()
+    }
+
+    /// A topic of another content is told before its first message comes.
     fn sleep(&mut self) {
+        self.refuses();
         if let Err(error) = self.ring.wait(LONGEST_SLEEP) {
             self.report(&error);
             self.pause();
@@ -463,6 +514,14 @@ impl Post {
         let owner = self.owner;
         self.send(&owner, |env, reference| {
             (atoms::bb_ring(), reference, failure(env, error)).encode(env)
+        });
+    }
+
+    fn other_content(&mut self, found: ContentTag) {
+        let owner = self.owner;
+        self.send(&owner, |env, reference| {
+            let refusal = terms::other_content(env, found);
+            (atoms::bb_ring(), reference, refusal).encode(env)
         });
     }
 

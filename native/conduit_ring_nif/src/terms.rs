@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use conduit_ring::{Error, Info, Lease, Meta, PublishError, Reader, State};
+use conduit_ring::{ContentTag, Error, Info, Lease, Meta, PublishError, Reader, State};
 use rustler::{Atom, Binary, Encoder, Env, NifMap, NifStruct, Term};
 
 use crate::buffer::Buffer;
@@ -15,7 +15,7 @@ const LENT_FROM: usize = 64 * 1024;
 pub mod atoms {
     rustler::atoms! {
         active, bb_ring, bb_ring_closed, bb_ring_passive, bb_ring_reply, busy, closed, dead, empty, invalid, legacy,
-        legacy_topic, live, message_too_large, no_reader_slot, no_topic, not_a_ring, passive, publisher_alive,
+        legacy_topic, live, message_too_large, no_reader_slot, no_topic, not_a_ring, other_content, passive, publisher_alive,
         publisher_down, publisher_up, retired, slot_held, system, thread, timeout, too_many_leases, unknown,
     }
 }
@@ -164,6 +164,11 @@ pub fn failure<'a>(env: Env<'a>, failed: &Error) -> Term<'a> {
         other => (atoms::invalid(), other.to_string()).encode(env),
     };
     error(env, reason)
+}
+
+/// The refusal of a topic whose messages are others than those that were asked for.
+pub fn other_content(env: Env<'_>, found: ContentTag) -> Term<'_> {
+    error(env, (atoms::other_content(), found.value()))
 }
 
 fn text(path: &Path) -> String {
