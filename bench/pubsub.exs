@@ -13,6 +13,10 @@ defmodule Bench.PubSub do
   @calls_alone 50
   @roomy 50_000
   @roomy_receiver 10_000
+  @few 1_000
+  @crowd 10_000
+  @most_seconds 5
+  @most_bytes 100_000_000
   @path [:sensor, :base_link, :arm, :imu]
   @attrs [
     orientation: Quaternion.identity(),
@@ -22,8 +26,10 @@ defmodule Bench.PubSub do
 
   # In a process with room for a round's garbage, as the receivers have for its messages: collecting it is nobody's figure.
   def run do
-    {pid, ref} = :erlang.spawn_opt(&measure/0, [:monitor, min_heap_size: @roomy])
-    receive do: ({:DOWN, ^ref, :process, ^pid, reason} -> :normal = reason)
+    for measure <- [&measure/0, &measure_crowd/0] do
+      {pid, ref} = :erlang.spawn_opt(measure, [:monitor, min_heap_size: @roomy])
+      receive do: ({:DOWN, ^ref, :process, ^pid, reason} -> :normal = reason)
+    end
   end
 
   defp measure do
@@ -233,6 +239,93 @@ defmodule Bench.PubSub do
 
   defp median(samples), do: Enum.at(Enum.sort(samples), div(length(samples), 2))
 
+  # A crowd on one path, each in a process of its own and after the one before: how long subscribing, being sent a message and
+  # dying take, and what it takes of the memory beside those processes.
+
+  defp measure_crowd do
+    few = crowd("crowd_few", @few)
+    crowd = crowd("crowd", @crowd)
+    check_crowd(crowd)
+
+    for what <- [:subscribe, :publish, :die] do
+      print(%{
+        bench: "pubsub",
+        case: "#{what}_of_#{@crowd}",
+        ns: each(crowd, what, @crowd),
+        baseline: "#{what}_of_#{@few}",
+        baseline_ns: each(few, what, @few),
+        ratio: Float.round(each(crowd, what, @crowd) / each(few, what, @few), 2),
+        bytes: div(crowd.bytes, @crowd)
+      })
+    end
+  end
+
+  defp each(crowd, what, count), do: Float.round(crowd[what] / count, 1)
+
+  defp check_crowd(%{subscribe: ns, bytes: bytes}) do
+    if ns > @most_seconds * 1_000_000_000 or bytes > @most_bytes,
+      do: raise("#{@crowd} subscribers took #{ns} ns and #{bytes} bytes")
+  end
+
+  defp crowd(name, count) do
+    robot = name(name)
+    message = Message.new!(Imu, :imu, @attrs)
+    {:ok, bus} = PubSub.start_link(robot)
+    first_publish(robot, message)
+    before = memory(bus)
+
+    {subscribe, pids} = timed(fn -> for _ <- 1..count, do: subscriber(robot) end)
+    bytes = memory(bus) - before - Enum.sum(Enum.map(pids, &memory_of/1))
+    {publish, :ok} = timed(fn -> PubSub.publish(robot, @path, message) end)
+    for pid <- pids, do: receive(do: ({:got, ^pid} -> :ok))
+
+    {die, :ok} =
+      timed(fn ->
+        for pid <- pids, do: Process.exit(pid, :kill)
+        await_none(robot)
+      end)
+
+    GenServer.stop(bus)
+    %{subscribe: subscribe, publish: publish, die: die, bytes: bytes}
+  end
+
+  defp subscriber(robot) do
+    bench = self()
+
+    pid =
+      spawn(fn ->
+        {:ok, _} = PubSub.subscribe(robot, @path)
+        send(bench, {:subscribed, self()})
+        receive do: ({:bb, @path, _message} -> send(bench, {:got, self()}))
+        Process.sleep(:infinity)
+      end)
+
+    receive do: ({:subscribed, ^pid} -> pid)
+  end
+
+  defp await_none(robot) do
+    if PubSub.stats(robot) != [] do
+      Process.sleep(1)
+      await_none(robot)
+    else
+      :ok
+    end
+  end
+
+  defp memory(bus) do
+    :erlang.garbage_collect()
+    :erlang.garbage_collect(bus)
+    :erlang.memory(:total)
+  end
+
+  defp memory_of(pid), do: pid |> Process.info(:memory) |> elem(1)
+
+  defp timed(fun) do
+    start = System.monotonic_time(:nanosecond)
+    result = fun.()
+    {System.monotonic_time(:nanosecond) - start, result}
+  end
+
   # Reports.
 
   # The ratio is the median of the rounds' ratios: a machine that changes its speed changes it for both.
@@ -255,8 +348,11 @@ defmodule Bench.PubSub do
 
   defp text(line) do
     "#{String.pad_trailing(line.case, 28)} #{String.pad_leading(number(line.ns), 10)} ns   " <>
-      "#{line.ratio} x #{line.baseline} (#{number(line.baseline_ns)} ns)"
+      "#{line.ratio} x #{line.baseline} (#{number(line.baseline_ns)} ns)" <> memory_text(line)
   end
+
+  defp memory_text(%{bytes: bytes}), do: ", #{bytes} bytes each"
+  defp memory_text(_line), do: ""
 
   defp number(float), do: :erlang.float_to_binary(float, decimals: 1)
 end
