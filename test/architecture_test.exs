@@ -44,7 +44,7 @@ defmodule ArchitectureTest do
     sensor:
       {~w(BB.Sensor BB.Sensor.Server BB.Sensor.SensorProfile BB.Sensor.Mimic BB.Actuator.* BB.Controller),
        ~w(declaration component transmission parameter pub_sub envelope payload options)a},
-    dsl: {~w(BB.Dsl.*), ~w(declaration transmission parameter sensor options unit)a},
+    dsl: {~w(BB.Dsl.*), ~w(declaration transmission parameter sensor path options unit)a},
     supervisor:
       {~w(BB.Supervisor.*), ~w(declaration component parameter safety process pub_sub options)a},
     facade: {~w(BB), ~w(dsl supervisor process pub_sub)a},

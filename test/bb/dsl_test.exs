@@ -433,6 +433,29 @@ defmodule BB.DslTest do
                "sensor :imu has the name of another sensor, declared at lib/robot.ex:4; give each a name of its own"
     end
 
+    test "a component so deep that its path would be too long" do
+      error = mistake(chain(32))
+      assert List.last(error.path) == :link_1
+
+      assert error.reason ==
+               "sensor :deep stands 64 levels deep, and what it publishes would have a path of more " <>
+                 "than 64 segments; declare it further up"
+
+      # One joint less is a robot.
+      assert_raise ExUnit.AssertionError, fn -> mistake(chain(31)) end
+    end
+
+    # So many links, joined in a row, with a sensor on the last.
+    defp chain(links) do
+      inner = "link :link_1 do\nsensor :deep, BB.Test.Probe\nend"
+
+      around = fn n, inside ->
+        "link :link_#{n} do\njoint :joint_#{n} do\ntype :fixed\n#{inside}\nend\nend"
+      end
+
+      "topology do\n" <> Enum.reduce(2..links, inner, around) <> "\nend\n"
+    end
+
     test "two root links" do
       error =
         mistake("""

@@ -4,7 +4,7 @@ defmodule BB.Dsl.Rules do
   """
 
   alias BB.Dsl.{Child, Error, Grammar, Node}
-  alias BB.{Options, Unit}
+  alias BB.{Options, Path, Unit}
   alias BB.Parameter.{Definition, Reference}
 
   @behaviours %{sensor: BB.Sensor, actuator: BB.Actuator, controller: BB.Controller}
@@ -24,9 +24,18 @@ defmodule BB.Dsl.Rules do
   def placed(kind, name, parent) do
     cond do
       kind not in Grammar.entities(parent.kind) -> {:error, misplaced(kind, parent.kind)}
+      Grammar.named?(kind) and too_deep?(parent) -> {:error, too_deep(kind, name, parent)}
       Grammar.named?(kind) and kind != :link -> :ok
       true -> single(kind, name, parent, Node.nodes(parent, kind))
     end
+  end
+
+  # A component publishes at its path in the declaration, with a word such as :sensor for the section.
+  defp too_deep?(parent), do: length(parent.path) >= Path.max_segments()
+
+  defp too_deep(kind, name, parent) do
+    "#{kind} #{inspect(name)} stands #{length(parent.path)} levels deep, and what it publishes would have a path " <>
+      "of more than #{Path.max_segments()} segments; declare it further up"
   end
 
   defp single(_kind, _name, _parent, []), do: :ok
