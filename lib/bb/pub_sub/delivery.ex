@@ -58,7 +58,7 @@ defmodule BB.PubSub.Delivery do
   def unrouted(bus, {path, type, class}, except, delivery, number) do
     {steps, filtered} = Routes.plan(Pages.above(bus, path), type)
     retained? = Bus.retained?(bus, path)
-    for %{counters: counters} <- filtered, class == :passing, do: Gate.correct(counters, {0, 1})
+    if class == :passing, do: Enum.each(filtered, &Gate.correct(&1.counters, {0, 1}))
 
     for {pid, [first | _], _shadowed} = step <- steps do
       withheld? = except != [] and pid in except

@@ -19,7 +19,7 @@ defmodule BB.PubSub.Passing do
   """
 
   alias BB.Path
-  alias BB.PubSub.{Bus, Pages}
+  alias BB.PubSub.{Bus, Pages, Subscription}
 
   require Logger
 
@@ -75,7 +75,11 @@ defmodule BB.PubSub.Passing do
   defp forget(bus, path) do
     :ets.delete(bus.passing, {path, 0})
     forget_meters(bus, path, :ets.next(bus.passing, {path, 0}))
-    for %{counters: _, id: id} <- Pages.above(bus, path), do: :ets.delete(bus.cells, {id, path})
+
+    for subscription <- Pages.above(bus, path), Subscription.gated?(subscription) do
+      :ets.delete(bus.cells, {subscription.id, path})
+    end
+
     if :ets.take(bus.last, path) != [], do: say_once(bus)
   end
 
@@ -89,8 +93,8 @@ defmodule BB.PubSub.Passing do
   defp say_once(bus) do
     if :ets.insert_new(bus.passing, {:said}) do
       Logger.warning(
-        "#{inspect(bus.robot)}: of the paths with references below retained ones the last messages " <>
-          "of the newest #{@most_passing} are kept, and older ones are forgotten from now on"
+        "#{inspect(bus.robot)}: of passing paths (with references, or beyond #{@most_lasting} sources) " <>
+          "the last messages of the newest #{@most_passing} are kept, older ones are forgotten from now on"
       )
     end
   end
