@@ -206,10 +206,9 @@ defmodule BB.PubSub do
   defp send_all(targets, path, message, robot),
     do: Delivery.deliver(targets, {:bb, path, %{message | robot: robot}}, nil)
 
-  # Somebody has come or gone, and there is no new route yet.
+  # Somebody has come or gone, or messages are kept from now on, and there is no new route yet.
   defp publish_outdated(robot, path, type, message) do
-    delivery = {:bb, path, %{message | robot: robot}}
-    Delivery.unrouted(Bus.fetch!(robot), {path, type, :lasting}, [], delivery, nil)
+    deliver_unrouted(Bus.fetch!(robot), {path, type, :lasting}, %{message | robot: robot}, [])
   end
 
   # With an option, on a retained path, or where there is no route.
@@ -247,9 +246,13 @@ defmodule BB.PubSub do
   # The registrar hears of a source that lasts, and soon there is a route.
   defp publish_unrouted(bus, path, type, message, except) do
     {class, meter} = Traffic.source(bus, path, type)
-    number = if Bus.retained?(bus, path), do: Retention.keep(bus, path, message)
     _word = Traffic.count(meter, message.monotonic_time)
-    Delivery.unrouted(bus, {path, type, class}, except, {:bb, path, message}, number)
+    deliver_unrouted(bus, {path, type, class}, message, except)
+  end
+
+  defp deliver_unrouted(bus, {path, _type, _class} = source, message, except) do
+    number = if Bus.retained?(bus, path), do: Retention.keep(bus, path, message)
+    Delivery.unrouted(bus, source, except, {:bb, path, message}, number)
   end
 
   defp except!(except: []), do: []

@@ -51,6 +51,22 @@ defmodule BB.PubSub.RetentionTest do
       assert PubSub.last(robot, [:sensor]) == nil
     end
 
+    test "is kept from the moment on at which retain returns, whatever routes publishers have", %{
+      robot: robot
+    } do
+      for n <- 1..50 do
+        path = [:sensor, :"kept_#{n}"]
+        publish(robot, path, [1])
+        # Half of them have a route by now, which knows nothing of it.
+        if rem(n, 2) == 0, do: routed(robot, path)
+        :ok = PubSub.retain(robot, path)
+        publish(robot, path, [2])
+        assert PubSub.last(robot, path).payload.restarts == 2
+        {:ok, _} = PubSub.subscribe(robot, path, replay: true)
+        assert_received {:bb, ^path, %{payload: %{restarts: 2}}}
+      end
+    end
+
     test "of a robot that is not started raises ArgumentError" do
       for call <- [
             fn -> PubSub.last(NotStarted, [:a]) end,
