@@ -239,8 +239,8 @@ defmodule Bench.PubSub do
 
   defp median(samples), do: Enum.at(Enum.sort(samples), div(length(samples), 2))
 
-  # A crowd on one path, each in a process of its own and after the one before: how long subscribing, being sent a message and
-  # dying take, and what it takes of the memory beside those processes.
+  # A crowd on one path, each in a process of its own and after the one before: how long subscribing,
+  # being sent a message and dying take, and what it takes of the memory beside those processes.
 
   defp measure_crowd do
     few = crowd("crowd_few", @few)

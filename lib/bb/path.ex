@@ -1,10 +1,12 @@
 defmodule BB.Path do
   @moduledoc """
-  Where a message belongs: a list of segments from the general to the particular, as `[:sensor, :base_link, :imu]`.
+  Where a message belongs: a list of segments from the general to the particular, as `[:sensor,
+  :base_link, :imu]`.
 
-  A segment is an atom; a reference is one too, for paths that nobody else may guess. A path is below each of its prefixes, and
-  every path is below `[]`. It has at most 64 segments: each of them costs its publishers and subscribers a look at one more
-  level. Everything here is a function of its arguments.
+  A segment is an atom; a reference is one too, for paths that nobody else may guess. A path is
+  below each of its prefixes, and every path is below `[]`. It has at most 64 segments: each of
+  them costs its publishers and subscribers a look at one more level. Everything here is a
+  function of its arguments.
   """
 
   @max_segments 64
@@ -41,7 +43,7 @@ defmodule BB.Path do
       ** (ArgumentError) a path is a list of atoms (or references), got: [:sensor, "imu"]
 
       iex> BB.Path.validate!(List.duplicate(:a, 10_000))
-      ** (ArgumentError) a path has at most 64 segments, got: 10000, which begin with [:a, :a, :a, :a]
+      ** (ArgumentError) a path has at most 64 segments, got: 10000, beginning with [:a, :a]
   """
   @spec validate!(t()) :: t()
   def validate!(path) do
@@ -52,7 +54,7 @@ defmodule BB.Path do
     if proper?(path) and length(path) > @max_segments,
       do:
         "a path has at most #{@max_segments} segments, got: #{length(path)}, " <>
-          "which begin with #{inspect(Enum.take(path, 4))}",
+          "beginning with #{inspect(Enum.take(path, 2))}",
       else: "a path is a list of atoms (or references), got: #{inspect(path)}"
   end
 

@@ -1,7 +1,7 @@
 defmodule BB.PubSub do
   @moduledoc """
-  The bus inside a robot: whoever has something to tell publishes it at a path, and whoever subscribed at that path or above
-  receives it.
+  The bus inside a robot: whoever has something to tell publishes it at a path, and whoever
+  subscribed at that path or above receives it.
 
       BB.PubSub.subscribe(MyRobot, [:sensor, :base_link], message_types: [BB.Message.Sensor.Imu])
       BB.PubSub.publish(MyRobot, [:sensor, :base_link, :imu], message)
@@ -10,8 +10,8 @@ defmodule BB.PubSub do
         {:bb, [:sensor, :base_link, :imu], %BB.Message{payload: imu}} -> imu
       end
 
-  What a subscriber receives is `{:bb, source_path, message}`, with the path at which it was published, in full, and the robot
-  in the message. The usual paths:
+  What a subscriber receives is `{:bb, source_path, message}`, with the path at which it was
+  published, in full, and the robot in the message. The usual paths:
 
     * `[:sensor | path]` - what sensors measure
     * `[:sensor_status | path]` - how sensors fare
@@ -19,24 +19,26 @@ defmodule BB.PubSub do
 
   ## What it promises
 
-    * There is no process in the middle. Publishing runs in the publisher, which sends to each subscriber itself, so a slow
-      subscriber holds up nobody, and a busy path no other.
-    * Messages of one publisher reach a subscriber in the order in which they were published, at whatever paths: each `publish/4`
-      has sent everything when it returns, and the VM keeps the order of signals from one process to another. Between several
-      publishers there is no order.
-    * Within one publication the path itself comes first, then its ancestors, nearest first. A process that subscribed twice,
-      or at two levels, receives twice.
-    * A subscriber that dies is forgotten; `subscribers/2` does not list it from then on. Subscribers are not linked to the bus:
-      nobody's end is another's.
-    * A publisher waits for nobody, with one exception: a subscriber whose thread the operating system
-      takes away in the very moment of its replay costs a publisher a millisecond at most, once.
-    * Subscriptions last as long as the robot. They survive the death of every process of the bus; somebody who subscribes in
-      that moment waits until it is over.
+    * There is no process in the middle. Publishing runs in the publisher, which sends to each
+      subscriber itself, so a slow subscriber holds up nobody, and a busy path no other.
+    * Messages of one publisher reach a subscriber in the order in which they were published, at
+      whatever paths: each `publish/4` has sent everything when it returns, and the VM keeps the
+      order of signals from one process to another. Between several publishers there is no order.
+    * Within one publication the path itself comes first, then its ancestors, nearest first. A
+      process that subscribed twice, or at two levels, receives twice.
+    * A subscriber that dies is forgotten; `subscribers/2` does not list it from then on.
+      Subscribers are not linked to the bus: nobody's end is another's.
+    * A publisher waits for nobody, with one exception: a subscriber whose thread the operating
+      system takes away in the very moment of its replay costs a publisher a millisecond at most,
+      once.
+    * Subscriptions last as long as the robot. They survive the death of every process of the bus;
+      somebody who subscribes in that moment waits until it is over.
 
-  It does not promise that a message arrives where nobody listens, except on retained paths. A subscriber that never reads
-  its mailbox fills it, unless it asked for `max_queue`.
+  It does not promise that a message arrives where nobody listens, except on retained paths. A
+  subscriber that never reads its mailbox fills it, unless it asked for `max_queue`.
 
-  The bus of a robot lives as long as the robot: functions raise `ArgumentError` when it is not started.
+  The bus of a robot lives as long as the robot: functions raise `ArgumentError` when it is not
+  started.
 
   ## What a subscriber may ask for
 
@@ -48,41 +50,45 @@ defmodule BB.PubSub do
 
   The options of `subscribe/3` combine freely, and cost those alone who ask for them:
 
-    * A subscriber with `max_queue` that was skipped gets `{:bb_missed, path, count}` before the next message that it is sent:
-      since the last one, `count` messages for its subscription at `path` went by. `missed/1` tells the sum at any time. A
-      GenServer with this option has a clause for that in `handle_info/2`. The limit is approximate: a publisher that
-      found room sends up to an eighth of it without looking again.
-    * `unique` is about the process: it gets one copy of a message that reaches its unique subscription, by the first of its
-      subscriptions, from the path upwards, that takes it.
-    * `replay` sends the last message of each retained path at once, in the mailbox when `subscribe/3` returns, then everything
-      newer once and in order. The other options hold for what is replayed too: type, rate, mailbox.
+    * A subscriber with `max_queue` that was skipped gets `{:bb_missed, path, count}` before the
+      next message that it is sent: since the last one, `count` messages for its subscription at
+      `path` went by. `missed/1` tells the sum at any time. A GenServer with this option has a
+      clause for that in `handle_info/2`. The limit is approximate: a publisher that found room
+      sends up to an eighth of it without looking again.
+    * `unique` is about the process: it gets one copy of a message that reaches its unique
+      subscription, by the first of its subscriptions, from the path upwards, that takes it.
+    * `replay` sends the last message of each retained path at once, in the mailbox when
+      `subscribe/3` returns, then everything newer once and in order. The other options hold for
+      what is replayed too: type, rate, mailbox.
 
   ## Retained paths
 
-  The last message of each path at and below `[:param]`, `[:state_machine]` and `[:sensor_status]` is kept, as it is of sensors
-  declared with `retain: true` and of what is given to `retain/2`. `last/2` reads it. One message is kept for each path,
-  whatever its type. A robot has at most 1000 prefixes below which messages are kept, apart from prefixes below those.
+  The last message of each path at and below `[:param]`, `[:state_machine]` and `[:sensor_status]`
+  is kept, as it is of sensors declared with `retain: true` and of what is given to `retain/2`.
+  `last/2` reads it. One message is kept for each path, whatever its type. A robot has at most
+  1000 prefixes below which messages are kept, apart from prefixes below those.
 
   ## What it costs
 
-  Publishing to nobody takes about as long as three or four function calls; otherwise it is little more than a `send/2` for
-  each subscriber, and subscribers elsewhere or for other types cost nothing (docs/performance.md). For some milliseconds after
-  somebody has come or gone, on the first messages of a path, on passing paths (below), for more than 500 subscribers and
-  with an option, a publisher looks the subscribers up, which takes some microseconds more.
+  Publishing to nobody takes about as long as three or four function calls; otherwise it is little
+  more than a `send/2` for each subscriber, and subscribers elsewhere or for other types cost
+  nothing (docs/performance.md). For some milliseconds after somebody has come or gone, on the
+  first messages of a path, on passing paths (below), for more than 500 subscribers and with an
+  option, a publisher looks the subscribers up, which takes some microseconds more.
 
-  Subscribing takes some ten microseconds, the same for the ten-thousandth subscriber of a path as for the first: memory and
-  time are linear in the number of subscribers.
+  Subscribing takes some ten microseconds, the same for the ten-thousandth subscriber of a path as
+  for the first: memory and time are linear in the number of subscribers.
 
   ## What it remembers
 
   All of it is bounded, whatever is published:
 
     * A path has at most 64 segments (`BB.Path`); a longer one raises `ArgumentError`.
-    * The first 4000 sources, a path of atoms with a payload type each, are remembered as long as the robot. A path with a
-      reference, or of later sources, is a *passing* one: the newest 1000 are remembered, and beside
-      those the newest 1000 retained ones. A path that was forgotten has no last message, its count
-      begins at 0, and a subscriber with `max_rate` gets its next message. That a last message was
-      forgotten is logged, once.
+    * The first 4000 sources, a path of atoms with a payload type each, are remembered as long as
+      the robot. A path with a reference, or of later sources, is a *passing* one: the newest 1000
+      are remembered, and beside those the newest 1000 retained ones. A path that was forgotten
+      has no last message, its count begins at 0, and a subscriber with `max_rate` gets its next
+      message. That a last message was forgotten is logged, once.
   """
 
   require BB.PubSub.Traffic
@@ -130,8 +136,8 @@ defmodule BB.PubSub do
   @doc """
   Starts a robot's bus.
 
-  What it knows belongs to the calling process, a supervisor: when the bus is killed and that supervisor starts it again, all
-  subscriptions are there.
+  What it knows belongs to the calling process, a supervisor: when the bus is killed and that
+  supervisor starts it again, all subscriptions are there.
   """
   @spec start_link(module()) :: {:ok, pid()} | {:error, term()}
   def start_link(robot) when is_atom(robot),
@@ -143,7 +149,8 @@ defmodule BB.PubSub do
   Options:
 
   #{Options.docs(Subscription.schema())}
-  Each call makes one subscription more. Returns `{:ok, pid}`, the pid of the bus: what is published from now on arrives.
+  Each call makes one subscription more. Returns `{:ok, pid}`, the pid of the bus: what is
+  published from now on arrives.
   """
   @spec subscribe(module(), Path.t(), [subscribe_option()]) :: {:ok, pid()} | {:error, term()}
   def subscribe(robot, path, opts \\ []) do
@@ -232,8 +239,8 @@ defmodule BB.PubSub do
     end
   end
 
-  # The message is kept, and only then it is seen whether the route is that of all who are subscribed: so whoever comes too
-  # late for the message gets it by a replay.
+  # The message is kept, and only then it is seen whether the route is that of all who are
+  # subscribed: so whoever comes too late for the message gets it by a replay.
   defp publish_retained(bus, {path, type, meter, targets, version, sequence}, message) do
     number = Retention.keep(bus, path, message, sequence)
     delivery = {:bb, path, message}
@@ -273,10 +280,12 @@ defmodule BB.PubSub do
   end
 
   @doc """
-  Keeps the last message of each source at and below `prefix` from now on, for `last/2` and `replay: true`.
+  Keeps the last message of each source at and below `prefix` from now on, for `last/2` and
+  `replay: true`.
 
-  `[:param]`, `[:state_machine]` and `[:sensor_status]` are always kept, and so are the messages of sensors that are declared
-  with `retain: true`. A robot can have 1000 prefixes; one more raises `ArgumentError`.
+  `[:param]`, `[:state_machine]` and `[:sensor_status]` are always kept, and so are the messages
+  of sensors that are declared with `retain: true`. A robot can have 1000 prefixes; one more
+  raises `ArgumentError`.
   """
   @spec retain(module(), Path.t()) :: :ok
   def retain(robot, prefix) do
@@ -308,8 +317,8 @@ defmodule BB.PubSub do
     * `rate_hz` - messages a second, over the last sixteen; it falls when the next one is overdue
     * `age_ns` - how old the last message is
 
-  Rate and age go by the messages' own `monotonic_time`, when they were measured. At most 6000 are remembered, see "What it
-  remembers".
+  Rate and age go by the messages' own `monotonic_time`, when they were measured. At most 6000 are
+  remembered, see "What it remembers".
   """
   @spec topics(module()) :: [Traffic.topic()]
   def topics(robot),
@@ -323,9 +332,9 @@ defmodule BB.PubSub do
     * `dropped` - by `max_rate` or `max_queue`
     * `filtered` - of another type, replayed before, or the further copies that `unique` spares
 
-  What the publisher's `except` withheld is none of these. Nobody counts deliveries while messages are published on paths that
-  last: the figures are worked out here, from the sources' counts. One that is published in the very moment of subscribing may
-  be counted on the wrong side.
+  What the publisher's `except` withheld is none of these. Nobody counts deliveries while messages
+  are published on paths that last: the figures are worked out here, from the sources' counts. One
+  that is published in the very moment of subscribing may be counted on the wrong side.
   """
   @spec stats(module()) :: [Traffic.row()]
   def stats(robot), do: Traffic.stats(Bus.fetch!(robot))

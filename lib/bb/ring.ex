@@ -107,7 +107,7 @@ defmodule BB.Ring do
   @doc """
   The content tag of an encoding's name, as a topic carries it.
 
-      iex> BB.Ring.content_tag("sensor_msgs/msg/Imu") == BB.Ring.content_tag("sensor_msgs/msg/LaserScan")
+      iex> BB.Ring.content_tag("sensor_msgs/msg/Imu") == BB.Ring.content_tag("my_msgs/msg/Imu")
       false
   """
   @spec content_tag(String.t()) :: non_neg_integer()

@@ -2,8 +2,9 @@ defmodule BB.Handoff.Content do
   @moduledoc """
   The names behind the content tags of topics.
 
-  A topic's header has room for a tag alone, a hash of the encoding's name (`BB.Ring.content_tag/1`). Of
-  the names here the hash can be told back, so that a message to a person has the name.
+  A topic's header has room for a tag alone, a hash of the encoding's name
+  (`BB.Ring.content_tag/1`). Of the names here the hash can be told back, so that a message to a
+  person has the name.
   """
 
   @names ~w(
@@ -39,7 +40,8 @@ defmodule BB.Handoff.Content do
   )
 
   @doc """
-  The name of the encoding with that tag; the tag itself where the name is not known, `:untagged` for 0.
+  The name of the encoding with that tag; the tag itself where the name is not known, `:untagged`
+  for 0.
 
       iex> "sensor_msgs/msg/LaserScan" |> BB.Ring.content_tag() |> BB.Handoff.Content.name()
       "sensor_msgs/msg/LaserScan"
@@ -55,8 +57,8 @@ defmodule BB.Handoff.Content do
   In words what a topic has instead of what an inlet decodes, and what to do about it.
 
       iex> BB.Handoff.Content.explain("sensor_msgs/msg/LaserScan")
-      "the topic has messages of sensor_msgs/msg/LaserScan, which the inlet's encoding does not decode: " <>
-        "name the encoding of those, or another topic"
+      "the topic has messages of sensor_msgs/msg/LaserScan, which the inlet's encoding does " <>
+        "not decode: name the encoding of those, or another topic"
   """
   @spec explain(String.t() | non_neg_integer() | :untagged) :: String.t()
   def explain(:untagged) do

@@ -25,7 +25,7 @@ defmodule BB.Handoff.Inlet do
               default: false,
               doc:
                 "Whether to take a topic whose publisher does not say what its messages are. " <>
-                  "What then does not decode is counted as malformed, and what decodes by chance is published."
+                  "What does not decode is malformed then, what decodes by chance is published."
             ]
           )
 
@@ -36,10 +36,11 @@ defmodule BB.Handoff.Inlet do
 
   The topic need not exist yet; it may come, go and come back.
 
-  A topic says what its messages are, by the name of an encoding that its publisher gives (`content`).
-  When that is another one than the inlet's, also later when another publisher has come, the inlet
-  publishes nothing: it goes down with `{:other_content, name}` (the tag where the name is not known, `:untagged`
-  where the topic names none), and comes back by backoff when the topic is what it expects.
+  A topic says what its messages are, by the name of an encoding that its publisher gives
+  (`content`). When that is another one than the inlet's, also later when another publisher has
+  come, the inlet publishes nothing: it goes down with `{:other_content, name}` (the tag where the
+  name is not known, `:untagged` where the topic names none), and comes back by backoff when the
+  topic is what it expects.
 
   `BB.Handoff.stats/2` gives `%{published: n, lost: n, malformed: n}`: `lost` counts what the ring overwrote before it was read; a message
   that does not decode is counted as malformed, and the first of a row is logged.

@@ -2,8 +2,9 @@ defmodule BB.PubSub.Bus do
   @moduledoc """
   What a robot's bus consists of, and where to find it.
 
-  In `:persistent_term` under the robot's own module, `{BB.PubSub, routes, bus}`: the routes are what publishers read, and
-  reading them takes neither a lock nor a copy. The bus holds the tables:
+  In `:persistent_term` under the robot's own module, `{BB.PubSub, routes, bus}`: the routes are
+  what publishers read, and reading them takes neither a lock nor a copy. The bus holds the
+  tables:
 
     * `subscriptions` and `places` - see `BB.PubSub.Pages`
     * `traffic` - `{{path, type}, meter}`, one row for each source that lasts
@@ -13,8 +14,9 @@ defmodule BB.PubSub.Bus do
 
   and `retained`, the prefixes whose messages are kept.
 
-  The tables belong to the process that starts the bus, which is the robot's root supervisor: they live as long as the robot,
-  whatever becomes of the process that writes them (`BB.PubSub.Registrar`).
+  The tables belong to the process that starts the bus, which is the robot's root supervisor: they
+  live as long as the robot, whatever becomes of the process that writes them
+  (`BB.PubSub.Registrar`).
   """
 
   alias BB.Path
@@ -129,7 +131,10 @@ defmodule BB.PubSub.Bus do
     is_map_key(retained, path) or Enum.any?(Path.ancestors(path), &is_map_key(retained, &1))
   end
 
-  @doc "The bus that keeps the messages at and below a prefix too; `{:error, most}` when it has as many prefixes as it can have."
+  @doc """
+  The bus that keeps the messages at and below a prefix too; `{:error, most}` when it has as many
+  prefixes as it can have.
+  """
   @spec retain(t(), Path.t()) :: {:ok, t()} | {:error, pos_integer()}
   def retain(%{retained: retained} = bus, prefix) do
     cond do

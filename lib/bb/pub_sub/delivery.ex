@@ -2,8 +2,8 @@ defmodule BB.PubSub.Delivery do
   @moduledoc """
   Sends a message to those on its route, in the publisher's process.
 
-  What is sent to a subscription without options is a plain `send/2` for each pid on a list; gates stand only before those that
-  asked for them.
+  What is sent to a subscription without options is a plain `send/2` for each pid on a list; gates
+  stand only before those that asked for them.
   """
 
   alias BB.Path
@@ -44,8 +44,8 @@ defmodule BB.PubSub.Delivery do
   def deliver([], _delivery, _number), do: :ok
 
   @doc """
-  Sends to those whom the subscriptions themselves tell, but for some processes, and counts what a meter does not tell. For
-  publishers without a route, or with an option.
+  Sends to those whom the subscriptions themselves tell, but for some processes, and counts what a
+  meter does not tell. For publishers without a route, or with an option.
   """
   @spec unrouted(
           Bus.t(),

@@ -1,20 +1,23 @@
 defmodule BB.PubSub.Gate do
   @moduledoc """
-  Decides, while a message is published, whether it goes to a subscription with `max_rate`, `max_queue` or `replay`.
+  Decides, while a message is published, whether it goes to a subscription with `max_rate`,
+  `max_queue` or `replay`.
 
   All that it remembers is in atomics, so that publishers decide at the same time without a lock:
 
-    * the *counters* of a subscription - what passed and what did not, and how many messages it may be sent before somebody
-      has to look at its mailbox again
-    * the *cell* of a subscription and a source path - when the next message of that path is due, and which of them was
-      replayed
+    * the *counters* of a subscription - what passed and what did not, and how many messages it
+      may be sent before somebody has to look at its mailbox again
+    * the *cell* of a subscription and a source path - when the next message of that path is due,
+      and which of them was replayed
 
   ## Looking at a mailbox
 
-  The length of another process's mailbox costs about a microsecond while that process sleeps. While it runs, the answer
-  waits for its turn to end, which may take a millisecond. So a look that finds room allows some messages more (an eighth of
-  `max_queue`, as far as there is room) without another look, and one that took long and found none is not repeated before
-  ten times as long has passed: a busy subscriber with a full mailbox costs a publisher a tenth of its time at most.
+  The length of another process's mailbox costs about a microsecond while that process sleeps.
+  While it runs, the answer waits for its turn to end, which may take a millisecond. So a look
+  that finds room allows some messages more (an eighth of `max_queue`, as far as there is room)
+  without another look, and one that took long and found none is not repeated before ten times as
+  long has passed: a busy subscriber with a full mailbox costs a publisher a tenth of its time at
+  most.
 
   ## Replaying
 
@@ -26,11 +29,12 @@ defmodule BB.PubSub.Gate do
     * k > 0 - that is dealt with: only greater numbers are news
     * "open" - everything is news
 
-  A publisher with a newer message than k does not wait for a subscriber that has not begun. It sends its own, and the
-  subscriber replays nothing of that path, since the last message is there already. Only while the subscriber sends does a
-  publisher wait, for a millisecond at most: the VM does not take a process away between these few instructions, which stand
-  at the beginning of its turn, but the operating system may take away the VM's thread. Then the publisher goes on, and the
-  subscriber, once it is back, takes out of its mailbox what it had sent too late.
+  A publisher with a newer message than k does not wait for a subscriber that has not begun. It
+  sends its own, and the subscriber replays nothing of that path, since the last message is there
+  already. Only while the subscriber sends does a publisher wait, for a millisecond at most: the
+  VM does not take a process away between these few instructions, which stand at the beginning of
+  its turn, but the operating system may take away the VM's thread. Then the publisher goes on,
+  and the subscriber, once it is back, takes out of its mailbox what it had sent too late.
 
   An older message than the last one is not sent to a subscriber that has yet to replay that.
   """
@@ -65,7 +69,7 @@ defmodule BB.PubSub.Gate do
           | {:other_than, counters(), cell()}
           | :plain
 
-  @typedoc "The number of a message among those of its retained path, and the sequence that it comes from."
+  @typedoc "The number of a message among those of its retained path, and where that comes from."
   @type stamp :: {pos_integer(), Retention.sequence()} | nil
 
   @doc "The counters of a new subscription."
@@ -139,7 +143,8 @@ defmodule BB.PubSub.Gate do
   end
 
   @doc """
-  Sends the delivery through the first gate that is open; of several gates all belong to one process, which wants one copy.
+  Sends the delivery through the first gate that is open; of several gates all belong to one
+  process, which wants one copy.
 
   `number` is `nil` where no messages are kept.
   """
@@ -259,8 +264,8 @@ defmodule BB.PubSub.Gate do
   # Replay
 
   @doc """
-  Replays to the calling process: runs `fun`, which sends it the last message, number k of its path, unless a publisher is first.
-  `take_back` takes it out of the mailbox again.
+  Replays to the calling process: runs `fun`, which sends it the last message, number k of its
+  path, unless a publisher is first. `take_back` takes it out of the mailbox again.
   """
   @spec replay(cell(), pos_integer(), (() -> any()), (() -> any())) :: :ok
   def replay(cell, k, fun, take_back) do
@@ -270,7 +275,8 @@ defmodule BB.PubSub.Gate do
          :ok <- swap(cell, -k, @sending + k) do
       fun.()
 
-      # Asking takes what was sent to this process into its mailbox; until then signals of others may overtake it.
+      # Asking takes what was sent to this process into its mailbox; until then signals of others
+      # may overtake it.
       {:message_queue_len, _} = Process.info(self(), :message_queue_len)
       if swap(cell, @sending + k, k) != :ok, do: take_back.()
     end
@@ -308,7 +314,8 @@ defmodule BB.PubSub.Gate do
   defp compare(n, k) when n > k, do: :newer
   defp compare(_n, _k), do: :older
 
-  # As long as the subscriber has yet to look, it gets the last message from whoever is first to send it.
+  # As long as the subscriber has yet to look, it gets the last message from whoever is first to
+  # send it.
   defp untouched(cell, counters, n, sequence) do
     cond do
       :atomics.get(counters, @over) == 1 -> if swap(cell, @untouched, @open) == :ok, do: :newer

@@ -2,14 +2,16 @@ defmodule BB.PubSub.Pages do
   @moduledoc """
   Who is subscribed where. The registrar writes it; publishers without a route read it.
 
-  The subscriptions of a path stand on pages of a few dozen, so that one more or one less costs the same however many there are:
+  The subscriptions of a path stand on pages of a few dozen, so that one more or one less costs
+  the same however many there are:
 
-    * `subscriptions` - `{path, [page]}`, the numbers of a path's pages in the order of subscribing, and
-      `{{path, page}, [subscription]}`
+    * `subscriptions` - `{path, [page]}`, the numbers of a path's pages in the order of
+      subscribing, and `{{path, page}, [subscription]}`
     * `places` - `{{pid, path, page}}`, the pages on which a process stands
 
-  A reader that meets a page which is being made or emptied sees one subscription less, never one twice. A writer that dies
-  between two steps leaves at most a place where the process does not stand.
+  A reader that meets a page which is being made or emptied sees one subscription less, never one
+  twice. A writer that dies between two steps leaves at most a place where the process does not
+  stand.
   """
 
   alias BB.Path
@@ -29,7 +31,7 @@ defmodule BB.PubSub.Pages do
     end
   end
 
-  @doc "The subscriptions that hear of what is published at the path, of whatever type, nearest first."
+  @doc "The subscriptions that hear of what is published at the path, nearest first."
   @spec above(Bus.t(), Path.t()) :: [Subscription.t()]
   def above(bus, path) do
     at(bus, path) ++
@@ -44,7 +46,7 @@ defmodule BB.PubSub.Pages do
     for {{_path, _page}, list} <- :ets.tab2list(bus.subscriptions), one <- list, do: one
   end
 
-  @doc "The subscriptions of a process: those of deeper paths first, those of one path oldest first."
+  @doc "The subscriptions of a process: of deeper paths first, of one path oldest first."
   @spec of(Bus.t(), pid()) :: [Subscription.t()]
   def of(bus, pid) do
     mine =
@@ -132,8 +134,8 @@ defmodule BB.PubSub.Pages do
     end
   end
 
-  # A path may hold any atom, also those that mean something in a match: so keys are walked, not matched. A number comes
-  # before every path and every page.
+  # A path may hold any atom, also those that mean something in a match: so keys are walked, not
+  # matched. A number comes before every path and every page.
   defp places(bus, pid), do: walk_pid(bus, pid, :ets.next(bus.places, {pid, 0, 0}))
 
   defp walk_pid(bus, pid, {pid, path, page} = key),

@@ -1,21 +1,28 @@
 defmodule BB.PubSub.Passing do
+  @most_lasting 4_000
+  @most_passing 1_000
+
   @moduledoc """
-  Remembers the newest of the paths that come and go, and forgets the oldest with everything that is kept of it.
+  Remembers the newest of the paths that come and go, and forgets the oldest with everything that
+  is kept of it.
 
-  A path *lasts* when it is made of atoms and among the first #{4_000} sources of its robot: its meters, cells and last message
-  are there as long as the robot. Any other path is *passing*: one with a reference, or one more of a publisher that makes
-  ever new ones. The newest #{1_000} of those are remembered, and beside them the newest #{1_000} on which messages are
-  kept. Then meters, cells and last message go; on a path that was forgotten everything begins anew.
+  A path *lasts* when it is made of atoms and among the first #{@most_lasting} sources of its
+  robot: its meters, cells and last message are there as long as the robot. Any other path is
+  *passing*: one with a reference, or one more of a publisher that makes ever new ones. The newest
+  #{@most_passing} of those are remembered, and beside them the newest #{@most_passing} on which
+  messages are kept. Then meters, cells and last message go; on a path that was forgotten
+  everything begins anew.
 
-  The publishers themselves do it, without a process: each new path takes the next place of a ring, and whoever takes a place
-  forgets the path that stood there. Rows of the table `passing`:
+  The publishers themselves do it, without a process: each new path takes the next place of a
+  ring, and whoever takes a place forgets the path that stood there. Rows of the table `passing`:
 
     * `{{path, 0}, place}` and `{place, path}` - the ring, from either side
-    * `{{:turn, ring}, count}` - how many places were taken so far; `{:said}` when a loss was logged
+    * `{{:turn, ring}, count}` - how many places were taken so far; `{:said}` when a loss was
+      logged
     * `{{path, type}, meter}` - see `BB.PubSub.Traffic`
 
-  What belongs to a path is written after the path, and taken back by its writer when the path has been forgotten in between:
-  so no row stays without its path.
+  What belongs to a path is written after the path, and taken back by its writer when the path has
+  been forgotten in between: so no row stays without its path.
   """
 
   alias BB.Path
@@ -23,13 +30,10 @@ defmodule BB.PubSub.Passing do
 
   require Logger
 
-  @most_lasting 4_000
-  @most_passing 1_000
-
   @plain 1
   @kept 2
 
-  @doc "Whether all that is known of the path lasts, given that it has not been seen with this payload before."
+  @doc "Whether what is known of the path lasts; it has not been seen with this payload before."
   @spec lasting?(Bus.t(), Path.t()) :: boolean()
   def lasting?(bus, path) do
     seen?(bus, path) or
@@ -93,8 +97,9 @@ defmodule BB.PubSub.Passing do
   defp say_once(bus) do
     if :ets.insert_new(bus.passing, {:said}) do
       Logger.warning(
-        "#{inspect(bus.robot)}: of passing paths (with references, or beyond #{@most_lasting} sources) " <>
-          "the last messages of the newest #{@most_passing} are kept, older ones are forgotten from now on"
+        "#{inspect(bus.robot)}: of passing paths (with references, or beyond #{@most_lasting} " <>
+          "sources) the last messages of the newest #{@most_passing} are kept, older ones are " <>
+          "forgotten from now on"
       )
     end
   end

@@ -1,22 +1,26 @@
 defmodule BB.PubSub.Registrar do
   @moduledoc """
-  Writes down who is subscribed, and keeps the routes that publishers read. No message goes through it.
+  Writes down who is subscribed, and keeps the routes that publishers read. No message goes
+  through it.
 
-  It is the one writer of subscriptions and routes. It answers a subscriber when publishers cannot miss it any more:
+  It is the one writer of subscriptions and routes. It answers a subscriber when publishers cannot
+  miss it any more:
 
-    1. the routes of all sources that reach it are put out of date, a number each (`BB.PubSub.Traffic`): publishers look up
-       the subscriptions themselves from now on
+    1. the routes of all sources that reach it are put out of date, a number each
+       (`BB.PubSub.Traffic`): publishers look up the subscriptions themselves from now on
     2. the subscription is written down
     3. the subscriber is answered
 
-  Making new routes known is the expensive part: the VM looks through all processes for references to the old ones. It waits
-  for some milliseconds, so that changes come together, and it may take a tenth of the time at most. No subscriber waits for
-  it, however many there are, and whatever new sources publishers come up with. Sources with more than a few hundred
-  subscribers get no route: a copy of such a list at each change would cost more than it saves.
+  Making new routes known is the expensive part: the VM looks through all processes for references
+  to the old ones. It waits for some milliseconds, so that changes come together, and it may take
+  a tenth of the time at most. No subscriber waits for it, however many there are, and whatever
+  new sources publishers come up with. Sources with more than a few hundred subscribers get no
+  route: a copy of such a list at each change would cost more than it saves.
 
-  It watches subscribers and removes those that die; it is not linked to them, so that nobody's end is another's. When it
-  dies itself, nothing is lost: the tables belong to the process that started the bus, publishers go on with the routes that
-  they have, whoever subscribes waits a moment, and its successor goes on from the tables.
+  It watches subscribers and removes those that die; it is not linked to them, so that nobody's
+  end is another's. When it dies itself, nothing is lost: the tables belong to the process that
+  started the bus, publishers go on with the routes that they have, whoever subscribes waits a
+  moment, and its successor goes on from the tables.
   """
 
   use GenServer
@@ -61,13 +65,17 @@ defmodule BB.PubSub.Registrar do
   @spec unsubscribe(Bus.t(), pid(), Path.t()) :: :ok
   def unsubscribe(bus, pid, path), do: call(bus, {:unsubscribe, pid, path})
 
-  @doc "Keeps the last messages at and below a prefix from now on; `{:error, most}` when there are as many prefixes already."
+  @doc """
+  Keeps the last messages at and below a prefix from now on; `{:error, most}` when there are as
+  many prefixes already.
+  """
   @spec retain(Bus.t(), Path.t()) :: :ok | {:error, pos_integer()}
   def retain(bus, prefix), do: call(bus, {:retain, prefix})
 
   @attempts 1_000
 
-  # While it is being started again its work is only late. A request may be repeated: it is known by its subscription's id.
+  # While it is being started again its work is only late. A request may be repeated: it is known
+  # by its subscription's id.
   defp call(bus, request, left \\ @attempts) do
     GenServer.call(bus.registrar, {request, left < @attempts}, :infinity)
   catch
@@ -161,8 +169,9 @@ defmodule BB.PubSub.Registrar do
     |> later(path)
   end
 
-  # Changes the subscriptions of a process so that no count changes by it: what was counted before counts for those who were
-  # there. Only a process with a unique subscription has others whose share changes.
+  # Changes the subscriptions of a process so that no count changes by it: what was counted before
+  # counts for those who were there. Only a process with a unique subscription has others whose
+  # share changes.
   defp change_all(state, pid, fun) do
     mine = fn -> Pages.of(state.bus, pid) end
     change(state, mine.(), fun, mine)

@@ -2,9 +2,9 @@ defmodule BB.PubSub.Retention do
   @moduledoc """
   The last messages of retained paths, and their replay to late subscribers.
 
-  A publisher numbers and keeps its message before it looks who is subscribed; a subscriber is known to publishers before it
-  looks what is kept. So whatever the moment, a message is seen by one of the two, and the numbers tell when it was seen by
-  both (`BB.PubSub.Gate`).
+  A publisher numbers and keeps its message before it looks who is subscribed; a subscriber is
+  known to publishers before it looks what is kept. So whatever the moment, a message is seen by
+  one of the two, and the numbers tell when it was seen by both (`BB.PubSub.Gate`).
 
   What is kept of passing paths is bounded, `BB.PubSub.Passing` says how.
   """
@@ -28,7 +28,10 @@ defmodule BB.PubSub.Retention do
     end
   end
 
-  @doc "Keeps the message as the last one of its path, which somebody has told `BB.PubSub.Traffic` of. Returns its number."
+  @doc """
+  Keeps the message as the last one of its path, which `BB.PubSub.Traffic` knows. Returns its
+  number.
+  """
   @spec keep(Bus.t(), Path.t(), Message.t()) :: Gate.stamp()
   def keep(bus, path, message) do
     number = keep(bus, path, message, sequence(bus, path))

@@ -1,10 +1,11 @@
 defmodule BB.PubSub.Routes do
   @moduledoc """
-  Where a message goes, worked out before it is published. Everything here is a function of its arguments.
+  Where a message goes, worked out before it is published. Everything here is a function of its
+  arguments.
 
-  A publisher's message touches as little memory as can be: the last segment of a path, which tells most paths apart, is looked
-  up in a map and leads to the few sources that end in it. Where many do, there is a map of those. Subscriptions elsewhere, or
-  for other types, are not in it.
+  A publisher's message touches as little memory as can be: the last segment of a path, which
+  tells most paths apart, is looked up in a map and leads to the few sources that end in it. Where
+  many do, there is a map of those. Subscriptions elsewhere, or for other types, are not in it.
   """
 
   alias BB.Path
@@ -15,8 +16,9 @@ defmodule BB.PubSub.Routes do
   @type t :: %{(Path.segment() | nil) => [route()] | %{{Path.t(), module()} => route()}}
 
   @typedoc """
-  A source, its meter, and who receives what it publishes; the version of the route, which publishers may take as long as it is
-  that of the meter; and the sequence of a retained path's numbers.
+  A source, its meter, and who receives what it publishes; the version of the route, which
+  publishers may take as long as it is that of the meter; and the sequence of a retained path's
+  numbers.
   """
   @type route ::
           {Path.t(), module(), Traffic.meter(), [target()], version :: non_neg_integer(),
@@ -26,8 +28,8 @@ defmodule BB.PubSub.Routes do
   @type target :: pid() | {pid(), [BB.PubSub.Gate.t()]}
 
   @typedoc """
-  One copy to a process, by the first of these subscriptions that takes it. The shadowed ones would have got it too, were it
-  not for the one copy.
+  One copy to a process, by the first of these subscriptions that takes it. The shadowed ones
+  would have got it too, were it not for the one copy.
   """
   @type step :: {pid(), [Subscription.t(), ...], shadowed :: [Subscription.t()]}
 
@@ -87,7 +89,8 @@ defmodule BB.PubSub.Routes do
   defp delete_among(few, source), do: Enum.reject(few, &(source(&1) == source))
 
   @doc """
-  Who gets a payload of `type`: the steps to take, in order, and the subscriptions that hear of it but do not get it.
+  Who gets a payload of `type`: the steps to take, in order, and the subscriptions that hear of it
+  but do not get it.
 
   `subscriptions` are those that hear of the path, nearest first.
   """
@@ -101,8 +104,8 @@ defmodule BB.PubSub.Routes do
     end
   end
 
-  # A process with a unique subscription gets one copy, where the nearest of its subscriptions stands. One that takes
-  # everything makes the others superfluous.
+  # A process with a unique subscription gets one copy, where the nearest of its subscriptions
+  # stands. One that takes everything makes the others superfluous.
   defp one_step_each(wanted, pids) do
     of_each = wanted |> Enum.filter(&is_map_key(pids, &1.pid)) |> Enum.group_by(& &1.pid)
     steps(wanted, of_each)

@@ -2,8 +2,9 @@ defmodule BB.PubSub.Subscription do
   @moduledoc """
   Who wants what: one call of `BB.PubSub.subscribe/3` as data.
 
-  Options that are not given cost a publisher nothing. A subscription is *gated* when whether it gets a message is known only
-  while that is published: because of its rate, its mailbox, or what has been replayed to it (`BB.PubSub.Gate`).
+  Options that are not given cost a publisher nothing. A subscription is *gated* when whether it
+  gets a message is known only while that is published: because of its rate, its mailbox, or what
+  has been replayed to it (`BB.PubSub.Gate`).
   """
 
   alias BB.{Options, Path}

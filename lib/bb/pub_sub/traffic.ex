@@ -1,18 +1,21 @@
 defmodule BB.PubSub.Traffic do
   @moduledoc """
-  Counts what is published, at two atomics a message, and works out from that what each subscription got.
+  Counts what is published, at two atomics a message, and works out from that what each
+  subscription got.
 
-  Each source, a path and a payload type, has a meter: the number of its messages, and the times of the last sixteen. Where the
-  path lasts (`BB.PubSub.Passing`), a publisher counts nothing for subscriptions: one without options gets everything of the
-  sources that reach it, so what it got is what they have published since it came. The subscription's own counters correct
-  that sum: by what had been published before, and by what `except` withheld. Where the path is a passing one, each
-  subscription counts for itself.
+  Each source, a path and a payload type, has a meter: the number of its messages, and the times
+  of the last sixteen. Where the path lasts (`BB.PubSub.Passing`), a publisher counts nothing for
+  subscriptions: one without options gets everything of the sources that reach it, so what it got
+  is what they have published since it came. The subscription's own counters correct that sum: by
+  what had been published before, and by what `except` withheld. Where the path is a passing one,
+  each subscription counts for itself.
 
   ## Versions
 
-  The number of messages stands in the low bits of a word, and in the high ones a version: that of the route which publishers
-  may take. The registrar raises it before it changes who is subscribed, so a publisher whose route is out of date learns
-  that by counting its message, for nothing more, and looks up the subscriptions itself.
+  The number of messages stands in the low bits of a word, and in the high ones a version: that of
+  the route which publishers may take. The registrar raises it before it changes who is
+  subscribed, so a publisher whose route is out of date learns that by counting its message, for
+  nothing more, and looks up the subscriptions itself.
   """
 
   import Bitwise
@@ -22,7 +25,8 @@ defmodule BB.PubSub.Traffic do
 
   @times 16
 
-  # A word has 64 bits, of which the VM keeps 60 without a heap: a sign, 14 of the version, 44 for 17 million million messages.
+  # A word has 64 bits, of which the VM keeps 60 without a heap: a sign, 14 of the version, 44 for
+  # 17 million million messages.
   @count_bits 44
   @version 1 <<< @count_bits
   @versions 1 <<< 14
@@ -45,7 +49,8 @@ defmodule BB.PubSub.Traffic do
         }
 
   @doc """
-  The meter of a source, and whether its path is a lasting or a passing one. A new source that lasts is told to the registrar.
+  The meter of a source, and whether its path is a lasting or a passing one. A new source that
+  lasts is told to the registrar.
   """
   @spec source(Bus.t(), Path.t(), module()) :: {:lasting | :passing, meter()}
   def source(bus, path, type) do
@@ -93,7 +98,7 @@ defmodule BB.PubSub.Traffic do
 
   defp new_meter, do: :atomics.new(1 + @times, [])
 
-  @doc "Counts a message for an integer `time`, without a call. Gives the word that `current?/2` looks at."
+  @doc "`count/2` for an integer, without a call."
   defmacro tick(meter, time) do
     quote do
       word = :atomics.add_get(unquote(meter), 1, 1)
@@ -102,12 +107,13 @@ defmodule BB.PubSub.Traffic do
     end
   end
 
-  @doc "Whether the route of that version may be taken, going by the word of `tick/2`. Without a call."
+  @doc "Whether the route of that version may be taken, by the word of `tick/2`. Without a call."
   defmacro current?(word, version),
     do: quote(do: :erlang.bsr(unquote(word), unquote(@count_bits)) == unquote(version))
 
   @doc """
-  Counts a message that was measured at `time`, Erlang monotonic time in nanoseconds. Gives the word that `current?/2` looks at.
+  Counts a message that was measured at `time`, Erlang monotonic time in nanoseconds. Gives the
+  word that `current?/2` looks at.
   """
   @spec count(meter(), term()) :: pos_integer()
   def count(meter, time) when is_integer(time), do: tick(meter, time)
@@ -172,7 +178,8 @@ defmodule BB.PubSub.Traffic do
   defp time(meter, number), do: :atomics.get(meter, 2 + (number &&& @times - 1))
 
   @doc """
-  The rate of messages with these times, newest first: over the last sixteen, and falling once the next is overdue.
+  The rate of messages with these times, newest first: over the last sixteen, and falling once the
+  next is overdue.
 
       iex> BB.PubSub.Traffic.rate_hz([3_000_000, 2_000_000, 1_000_000], 3_000_000)
       1000.0
@@ -216,8 +223,9 @@ defmodule BB.PubSub.Traffic do
   end
 
   @doc """
-  How many of the messages counted so far go to each subscription and how many do not, `%{id => {delivered, filtered}}`, going by
-  who is subscribed now. `above` gives the subscriptions that hear of a path, nearest first.
+  How many of the messages counted so far go to each subscription and how many do not, `%{id =>
+  {delivered, filtered}}`, going by who is subscribed now. `above` gives the subscriptions that
+  hear of a path, nearest first.
   """
   @spec shares([{{Path.t(), module()}, meter()}], (Path.t() -> [Subscription.t()])) ::
           %{reference() => {integer(), integer()}}

@@ -406,6 +406,53 @@ defmodule BB.PubSub.RetentionTest do
       eventually(fn -> length(PubSub.stats(robot)) == 1 end)
     end
 
+    # Whoever was answered is subscribed, once; whoever was not is not.
+    test "are right however often the bus's process is killed while others come and go" do
+      robot = Module.concat(__MODULE__, "Killed#{System.unique_integer([:positive])}")
+      options = [strategy: :one_for_one, max_restarts: 100_000]
+      start = {Supervisor, :start_link, [[{PubSub, robot}], options]}
+      start_supervised!(%{id: robot, start: start, type: :supervisor})
+      publish(robot, [:a, :b], [1])
+      killer = spawn_link(fn -> kill_again(PubSub.registry_name(robot)) end)
+
+      actors =
+        for n <- 1..300 do
+          opts = Enum.at([[], [unique: true], [max_queue: 100], [replay: true]], rem(n, 4))
+          actor = Actor.start()
+          Task.async(fn -> come_and_go(actor, robot, n, opts) end)
+        end
+        |> Task.await_many(:infinity)
+
+      Process.unlink(killer)
+      Process.exit(killer, :kill)
+      publish(robot, [:a, :b], [2])
+
+      for {actor, copies, _subscriptions} <- actors do
+        assert for({[:a, :b], 2} <- numbers(actor), do: 2) == List.duplicate(2, copies)
+      end
+
+      assert length(PubSub.stats(robot)) == actors |> Enum.map(&elem(&1, 2)) |> Enum.sum()
+      for {actor, _copies, _subscriptions} <- actors, do: Actor.stop(actor)
+      eventually(fn -> PubSub.stats(robot) == [] end, 60_000)
+    end
+
+    defp come_and_go(actor, robot, n, opts) do
+      subscribe(actor, robot, [:a, :b], opts)
+      subscribe(actor, robot, [:a], [])
+
+      gone = if rem(n, 3) == 0, do: [:a], else: [:elsewhere]
+      :ok = Actor.run(actor, fn -> PubSub.unsubscribe(robot, gone) end)
+      subscriptions = if gone == [:a], do: 1, else: 2
+      {actor, if(opts[:unique], do: 1, else: subscriptions), subscriptions}
+    end
+
+    defp kill_again(name) do
+      pid = Process.whereis(name)
+      if pid, do: Process.exit(pid, :kill)
+      Process.sleep(1)
+      kill_again(name)
+    end
+
     test "end with the robot", %{robot: robot} do
       PubSub.subscribe(robot, [:a])
       stop_supervised!({PubSub, robot})
