@@ -221,7 +221,6 @@ defmodule Ganglion.MixProject do
       {:vintage_net, "~> 0.13.13"},
       {:circuits_i2c, "~> 2.1"},
       {:circuits_gpio, "~> 2.3"},
-      {:muontrap, "~> 1.8"},
       {:nerves_system_rpi3, "~> 2.0", runtime: false, targets: :rpi3},
       {:nerves_system_rpi4, "~> 2.1", runtime: false, targets: :rpi4},
       {:nerves_system_rpi5, "~> 2.1", runtime: false, targets: :rpi5},
