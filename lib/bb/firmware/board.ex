@@ -17,6 +17,12 @@ defmodule BB.Firmware.Board do
   @type heart :: {module(), function :: atom()}
   @type t :: {module(), handle :: term()}
 
+  @doc """
+  Waits until the board can be asked the rest. Its store is behind programs that are slow at first, and that time is spent
+  here, where nothing depends on an answer in time.
+  """
+  @callback ready(handle :: term()) :: :ok | {:error, term()}
+
   @doc "Whether the running firmware stays after the next restart; `:unknown` where the board does not tell."
   @callback validation_status(handle :: term()) :: status() | {:error, term()}
 
@@ -25,6 +31,9 @@ defmodule BB.Firmware.Board do
 
   @doc "Restarts the board with the firmware before this one. It may never return."
   @callback revert(handle :: term()) :: :ok | {:error, term()}
+
+  @doc "Closes the way back: what is in the other slot cannot be started any more, by whoever asks."
+  @callback prevent_revert(handle :: term()) :: :ok | {:error, term()}
 
   @doc "Restarts the board. It may never return."
   @callback reboot(handle :: term()) :: :ok | {:error, term()}
@@ -41,12 +50,22 @@ defmodule BB.Firmware.Board do
   @doc "What is known of the running firmware, for a person: `%{\"nerves_fw_version\" => …}`."
   @callback firmware(handle :: term()) :: %{String.t() => String.t()} | {:error, term()}
 
+  @doc "The slot of the running firmware; `nil` where there are no slots."
+  @callback slot(handle :: term()) :: String.t() | nil | {:error, term()}
+
+  @doc "What is known of the firmware in the other slot; an empty map where there is none."
+  @callback other(handle :: term()) :: %{String.t() => String.t()} | {:error, term()}
+
   @doc "What the board's card was told when it was burned, as `BB.Firmware.Provisioning` reads it. Never an empty string."
   @callback provisioned(handle :: term()) :: %{String.t() => String.t()} | {:error, term()}
 
   @doc "The board that the configuration names."
   @spec configured() :: t()
   def configured, do: Application.get_env(:ganglion, :board, {BB.Firmware.Board.None, []})
+
+  @doc "See `c:ready/1`."
+  @spec ready(t()) :: :ok | {:error, term()}
+  def ready(board), do: call(board, :ready, [])
 
   @doc """
   See `c:validation_status/1`.
@@ -66,6 +85,10 @@ defmodule BB.Firmware.Board do
   @doc "See `c:revert/1`."
   @spec revert(t()) :: :ok | {:error, term()}
   def revert(board), do: call(board, :revert, [])
+
+  @doc "See `c:prevent_revert/1`."
+  @spec prevent_revert(t()) :: :ok | {:error, term()}
+  def prevent_revert(board), do: call(board, :prevent_revert, [])
 
   @doc "See `c:reboot/1`."
   @spec reboot(t()) :: :ok | {:error, term()}
@@ -87,12 +110,25 @@ defmodule BB.Firmware.Board do
   @spec firmware(t()) :: %{String.t() => String.t()}
   def firmware(board), do: known(call(board, :firmware, []))
 
+  @doc "See `c:slot/1`. `nil` also where it is not known."
+  @spec slot(t()) :: String.t() | nil
+  def slot(board) do
+    case call(board, :slot, []) do
+      slot when is_binary(slot) -> slot
+      _unknown -> nil
+    end
+  end
+
+  @doc "See `c:other/1`. An empty map where nothing is known."
+  @spec other(t()) :: %{String.t() => String.t()}
+  def other(board), do: known(call(board, :other, []))
+
   @doc "See `c:provisioned/1`. An empty map where nothing is known."
   @spec provisioned(t()) :: %{String.t() => String.t()}
   def provisioned(board), do: known(call(board, :provisioned, []))
 
   defp known(%{} = known), do: known
-  defp known({:error, _reason}), do: %{}
+  defp known(_nothing), do: %{}
 
   defp call({module, handle}, function, args) do
     apply(module, function, [handle | args])

@@ -55,7 +55,9 @@ defmodule BB.Firmware.Guard do
   Otherwise, at the deadline, the reasons are written to a report (`BB.Firmware.Guard.Report`) and the board reverts. Sensors that are
   not required may be absent: the report and the log tell of them, no more.
 
-  Nothing happens to firmware that is validated already, or on a board that does not know such a state (`:unknown`).
+  Nothing happens to firmware that is validated already. On a board that knows no such state (x86_64) an update that came in
+  through the gate is on trial too, by a marker (`BB.Firmware.Trial`): the guard reverts it, and nothing else does. The marker
+  gets what the guard waits for as well, so that there is a reason also where the guard has not come as far as to revert.
 
   `BB.Firmware.Guard.Decision` decides, this process acts. Its deadline counts from the start of the VM, so that a guard that crashes
   again and again decides too; when even the guard is gone, the heart stops (`BB.Firmware.Guard.Heart`) and the board restarts.
@@ -72,11 +74,13 @@ defmodule BB.Firmware.Guard do
 
   require Logger
 
-  alias BB.Firmware.Board
+  alias BB.Firmware.{Board, Story, Trial}
   alias BB.Firmware.Guard.{Checks, Decision, Heart, Report}
   alias BB.Firmware.Network.Source
 
   @call_timeout_ms 1_000
+  @note_ms 15_000
+  @by "its guard"
 
   @typedoc """
   How it stands. `reasons` are those for which the firmware is not validated, `missing` the sensors that are not required and not up,
@@ -131,7 +135,8 @@ defmodule BB.Firmware.Guard do
       folder: opts[:folder],
       poll_ms: opts[:poll_ms],
       checks: checks,
-      decision: decision
+      decision: decision,
+      noted_ms: nil
     }
 
     {:ok, state, {:continue, :look}}
@@ -181,10 +186,28 @@ defmodule BB.Firmware.Guard do
     Enum.reduce(events ++ [:tick], %{state | checks: checks}, &happen/2)
   end
 
-  defp ask(%{decision: %{phase: :asking}} = state),
-    do: happen({:status, Board.validation_status(state.board)}, state)
+  # Where the start could not look at the marker, as the board did not answer yet, it is done here.
+  defp ask(%{decision: %{phase: :asking}} = state) do
+    _ = Trial.begin(state.folder, state.board)
+    happen({:status, Trial.status(state.folder, state.board)}, state)
+  end
 
-  defp ask(state), do: state
+  defp ask(state), do: note(state, now_ms())
+
+  defp note(%{noted_ms: noted_ms} = state, now_ms)
+       when is_integer(noted_ms) and now_ms - noted_ms < @note_ms,
+       do: state
+
+  defp note(state, now_ms) do
+    waits =
+      for reason <- Decision.reasons(state.decision, now_ms), do: "required: " <> said(reason)
+
+    left_s = div(state.decision.deadline_ms - now_ms, 1_000)
+    _ = Trial.note(state.folder, ["the guard had #{left_s} s left" | waits])
+    %{state | noted_ms: now_ms}
+  end
+
+  defp said({check, reason}), do: "#{Report.name(check)}: #{Report.words(reason)}"
 
   defp happen(event, state) do
     {decision, effects} = Decision.handle(state.decision, event, now_ms())
@@ -200,7 +223,7 @@ defmodule BB.Firmware.Guard do
   defp act(:clear_heart, state) do
     told(Board.clear_heart(state.board, Heart.callback()), "the heart's callback was not cleared")
     report(state, :validated)
-    Logger.info("this firmware is validated")
+    _ = Story.tell(state.folder, "the firmware #{version(state)} works: it is validated")
     state
   end
 
@@ -210,7 +233,7 @@ defmodule BB.Firmware.Guard do
   end
 
   defp act(:validate, state) do
-    result = Board.validate(state.board)
+    result = Trial.validate(state.folder, state.board)
     told(result, "this firmware works, but validating it failed")
     happen({:validation, result}, state)
   end
@@ -218,6 +241,12 @@ defmodule BB.Firmware.Guard do
   # It may never return.
   defp act(:revert, state) do
     report(state, :reverted)
+    reasons = Enum.map_join(Decision.reasons(state.decision, now_ms()), "; ", &said/1)
+    _ = Trial.verdict(state.folder, @by)
+
+    _ =
+      Story.tell(state.folder, "the firmware #{version(state)} is reverted by #{@by}: #{reasons}")
+
     board = state.board
     {:ok, _} = Task.start(fn -> told(Board.revert(board), "reverting failed") end)
     state
@@ -226,6 +255,7 @@ defmodule BB.Firmware.Guard do
   defp report(state, outcome) do
     report = %{
       outcome: outcome,
+      by: if(outcome == :reverted, do: @by),
       at: DateTime.utc_now(),
       firmware: Board.firmware(state.board),
       reasons: if(outcome == :reverted, do: Decision.reasons(state.decision, now_ms()), else: []),
@@ -235,6 +265,8 @@ defmodule BB.Firmware.Guard do
     if outcome == :reverted or report.missing != [], do: Logger.warning(Report.text(report))
     told(Report.write(state.folder, report), "no report was written to #{state.folder}")
   end
+
+  defp version(state), do: Board.firmware(state.board)["nerves_fw_version"] || "that runs"
 
   defp told(:ok, _what), do: :ok
   defp told({:error, reason}, what), do: Logger.error("#{what}: #{inspect(reason)}")

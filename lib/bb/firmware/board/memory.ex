@@ -6,18 +6,27 @@ defmodule BB.Firmware.Board.Memory do
       board = {BB.Firmware.Board.Memory, memory}
 
   The process of `tell:` gets `{BB.Firmware.Board.Memory, call}` for each call that changes something: `:validate`, `:revert`,
-  `:reboot`, `:init_complete`, `{:set_heart, heart}`, `{:clear_heart, heart}`. `answer/3` sets what a call returns from then on.
+  `:prevent_revert`, `:reboot`, `:init_complete`, `{:set_heart, heart}`, `{:clear_heart, heart}`. `answer/3` sets what a call returns from then on.
   """
 
   use Agent
 
   @behaviour BB.Firmware.Board
 
-  @doc "Options: `status:` (`:unvalidated`), `tell:` a process, `firmware:` and `provisioned:` maps."
+  @doc """
+  Options: `status:` (`:unvalidated`), `tell:` a process, `slot:` a string, and the maps `firmware:`, `other:` and `provisioned:`.
+  """
   @spec start_link(keyword()) :: Agent.on_start()
   def start_link(opts \\ []) do
     opts =
-      Keyword.validate!(opts, status: :unvalidated, tell: nil, firmware: %{}, provisioned: %{})
+      Keyword.validate!(opts,
+        status: :unvalidated,
+        tell: nil,
+        slot: nil,
+        firmware: %{},
+        other: %{},
+        provisioned: %{}
+      )
 
     Agent.start_link(fn -> Map.new(opts) |> Map.merge(%{heart: nil, answers: %{}}) end)
   end
@@ -32,6 +41,9 @@ defmodule BB.Firmware.Board.Memory do
   def heart(memory), do: Agent.get(memory, & &1.heart)
 
   @impl BB.Firmware.Board
+  def ready(memory), do: Agent.get(memory, &(&1.answers[:ready] || :ok))
+
+  @impl BB.Firmware.Board
   def validation_status(memory),
     do: Agent.get(memory, &(&1.answers[:validation_status] || &1.status))
 
@@ -40,6 +52,10 @@ defmodule BB.Firmware.Board.Memory do
 
   @impl BB.Firmware.Board
   def revert(memory), do: act(memory, :revert, :revert, &{:ok, &1})
+
+  @impl BB.Firmware.Board
+  def prevent_revert(memory),
+    do: act(memory, :prevent_revert, :prevent_revert, &{:ok, %{&1 | other: %{}}})
 
   @impl BB.Firmware.Board
   def reboot(memory), do: act(memory, :reboot, :reboot, &{:ok, &1})
@@ -65,6 +81,12 @@ defmodule BB.Firmware.Board.Memory do
 
   @impl BB.Firmware.Board
   def firmware(memory), do: Agent.get(memory, & &1.firmware)
+
+  @impl BB.Firmware.Board
+  def slot(memory), do: Agent.get(memory, & &1.slot)
+
+  @impl BB.Firmware.Board
+  def other(memory), do: Agent.get(memory, & &1.other)
 
   @impl BB.Firmware.Board
   def provisioned(memory), do: Agent.get(memory, & &1.provisioned)

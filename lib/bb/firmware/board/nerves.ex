@@ -2,9 +2,13 @@ defmodule BB.Firmware.Board.Nerves do
   @moduledoc """
   A board that runs Nerves: `Nerves.Runtime` and the VM's `:heart`.
 
-  Validating and reverting run the program `fwup` behind a process of Nerves that is asked with a time-out of one second, which
-  a slow card can exceed, and which exits then. `BB.Firmware.Board` makes an error of that; `revert/1` waits for what it
-  has begun, because a second attempt behind a first one that was only slow would lead back to the firmware that is to go.
+  Validating and reverting run the program `fwup` behind a process of Nerves (`FwupOps`) that is asked with a time-out of one
+  second, which a slow card can exceed, and which exits then. `BB.Firmware.Board` makes an error of that; `revert/1` waits for
+  what it has begun, because a second attempt behind a first one that was only slow would lead back to the firmware that is to go.
+
+  Nerves' store (`KV`) asks `FwupOps` at its first use and ends when the answer is late; four such ends within five seconds end
+  `nerves_runtime`. So `ready/1` asks `FwupOps` first, as often as it takes to have an answer in time: what is slow is the first run
+  of `fwup`, from a cold card.
   """
 
   @behaviour BB.Firmware.Board
@@ -17,9 +21,17 @@ defmodule BB.Firmware.Board.Nerves do
     do: @compile({:no_warn_undefined, [Runtime, FwupOps, Heart, KV]})
 
   @fwup_limit_ms 30_000
+  @ready_attempts 5
+  @ready_pause_ms 2_000
   # What firmware/provisioning.conf writes; a variable that was not given is an empty string there.
   @ours "ganglion_"
   @shown ~w(nerves_fw_product nerves_fw_version nerves_fw_uuid nerves_fw_platform)
+
+  @impl BB.Firmware.Board
+  def ready(_handle) do
+    with :ok <- repeat(&answer_in_time/0, @ready_attempts),
+         do: repeat(&fill_store/0, @ready_attempts)
+  end
 
   @impl BB.Firmware.Board
   def validation_status(_handle) do
@@ -49,6 +61,11 @@ defmodule BB.Firmware.Board.Nerves do
   end
 
   @impl BB.Firmware.Board
+  def prevent_revert(_handle) do
+    finished(fn -> FwupOps.prevent_revert() end)
+  end
+
+  @impl BB.Firmware.Board
   def reboot(_handle), do: Runtime.reboot()
 
   @impl BB.Firmware.Board
@@ -72,14 +89,59 @@ defmodule BB.Firmware.Board.Nerves do
   def firmware(_handle), do: Map.take(KV.get_all_active(), @shown)
 
   @impl BB.Firmware.Board
+  def slot(_handle), do: Runtime.firmware_slots().active
+
+  @impl BB.Firmware.Board
+  def other(handle) do
+    prefix = opposite(slot(handle)) <> "."
+    all = KV.get_all()
+    for name <- @shown, value = all[prefix <> name], value != "", into: %{}, do: {name, value}
+  end
+
+  @impl BB.Firmware.Board
   def provisioned(_handle),
     do: for({@ours <> name, value} when value != "" <- KV.get_all(), into: %{}, do: {name, value})
 
-  defp choose_the_other do
-    Runtime.revert(reboot: false)
+  defp choose_the_other, do: finished(fn -> Runtime.revert(reboot: false) end)
+
+  # What was asked for goes on after a time-out; this is answered after it.
+  defp finished(fun) do
+    fun.()
   catch
-    # What was asked for goes on; this is answered after it.
-    :exit, _timeout -> :sys.get_state(FwupOps, @fwup_limit_ms)
+    :exit, _timeout ->
+      _ = :sys.get_state(FwupOps, @fwup_limit_ms)
+      :ok
+  end
+
+  defp opposite("a"), do: "b"
+  defp opposite("b"), do: "a"
+
+  defp answer_in_time do
+    _status = FwupOps.status()
+    :ok
+  catch
+    :exit, reason ->
+      _ = :sys.get_state(FwupOps, @fwup_limit_ms)
+      {:error, reason}
+  end
+
+  defp fill_store do
+    _ = KV.get("nerves_fw_devpath")
+    :ok
+  catch
+    :exit, reason -> {:error, reason}
+  end
+
+  # The pause is long enough that a store that ends each time does not end its supervisor.
+  defp repeat(fun, attempts) do
+    case fun.() do
+      {:error, _reason} when attempts > 1 ->
+        Process.sleep(@ready_pause_ms)
+        repeat(fun, attempts - 1)
+
+      result ->
+        result
+    end
   end
 
   defp done(:ok), do: :ok

@@ -4,6 +4,9 @@ defmodule BB.Firmware.Board.None do
   @behaviour BB.Firmware.Board
 
   @impl BB.Firmware.Board
+  def ready(_handle), do: :ok
+
+  @impl BB.Firmware.Board
   def validation_status(_handle), do: :unknown
 
   @impl BB.Firmware.Board
@@ -11,6 +14,9 @@ defmodule BB.Firmware.Board.None do
 
   @impl BB.Firmware.Board
   def revert(_handle), do: {:error, :no_board}
+
+  @impl BB.Firmware.Board
+  def prevent_revert(_handle), do: {:error, :no_board}
 
   @impl BB.Firmware.Board
   def reboot(_handle), do: {:error, :no_board}
@@ -26,6 +32,12 @@ defmodule BB.Firmware.Board.None do
 
   @impl BB.Firmware.Board
   def firmware(_handle), do: %{}
+
+  @impl BB.Firmware.Board
+  def slot(_handle), do: nil
+
+  @impl BB.Firmware.Board
+  def other(_handle), do: %{}
 
   @impl BB.Firmware.Board
   def provisioned(_handle), do: %{}

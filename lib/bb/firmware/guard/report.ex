@@ -1,48 +1,38 @@
 defmodule BB.Firmware.Guard.Report do
   @moduledoc """
-  What a guard leaves behind for a person: why a firmware was reverted, and what was missing in one that was validated.
+  What is left behind for a person: why a firmware was reverted and by whom, and what was missing in one that was validated.
 
-  A report is text in the guard's folder, `reverted.txt` or `validated.txt`: the last one of each kind. It is written beside its
-  place, forced to the disk and renamed, so that a power failure leaves the old one or the new one. A file that is no report is
-  renamed to `….corrupt`, logged, and counts as missing.
+  A report is text in the guard's folder, `reverted.txt` or `validated.txt`: the last one of each kind, which a power failure
+  does not damage (`BB.Firmware.Kept`).
   """
 
-  require Logger
-
   alias BB.Firmware.Guard.Decision
+  alias BB.Firmware.Kept
 
   @first "ganglion guard report 1\n"
 
   @type outcome :: :validated | :reverted
+
+  @typedoc """
+  `by` says who reverted, `notes` what else is known; both may be left out.
+  """
   @type t :: %{
-          outcome: outcome(),
-          at: DateTime.t(),
-          firmware: %{String.t() => String.t()},
-          reasons: [{Decision.check(), Decision.reason()}],
-          missing: [{Decision.check(), String.t()}]
+          required(:outcome) => outcome(),
+          required(:at) => DateTime.t(),
+          required(:firmware) => %{String.t() => String.t()},
+          required(:reasons) => [{Decision.check(), Decision.reason()}],
+          required(:missing) => [{Decision.check(), String.t()}],
+          optional(:by) => String.t(),
+          optional(:notes) => [String.t()]
         }
 
   @doc "Writes a report into the folder, which is made if need be."
   @spec write(Path.t(), t()) :: :ok | {:error, File.posix()}
-  def write(folder, report) do
-    file = file(folder, report.outcome)
-
-    with :ok <- File.mkdir_p(folder),
-         :ok <- write_synced(file <> ".new", text(report)),
-         do: File.rename(file <> ".new", file)
-  end
+  def write(folder, report), do: Kept.write(file(folder, report.outcome), text(report))
 
   @doc "The last report of that outcome, as text; `nil` when there is none."
   @spec read(Path.t(), outcome()) :: String.t() | nil
-  def read(folder, outcome) do
-    file = file(folder, outcome)
-
-    case File.read(file) do
-      {:ok, @first <> _ = text} -> if String.valid?(text), do: text, else: set_aside(file)
-      {:ok, _other} -> set_aside(file)
-      {:error, _posix} -> nil
-    end
-  end
+  def read(folder, outcome), do: Kept.read(file(folder, outcome), @first)
 
   @doc "A report as it is written."
   @spec text(t()) :: String.t()
@@ -50,9 +40,11 @@ defmodule BB.Firmware.Guard.Report do
     IO.iodata_to_binary([
       @first,
       "#{report.outcome} at #{DateTime.to_iso8601(report.at)}\n",
+      for(by <- List.wrap(report[:by]), do: "by #{by}\n"),
       for({name, value} <- Enum.sort(report.firmware), do: "#{name} #{value}\n"),
       for({check, reason} <- report.reasons, do: "required: #{name(check)}: #{words(reason)}\n"),
-      for({check, words} <- report.missing, do: "optional: #{name(check)}: #{words}\n")
+      for({check, words} <- report.missing, do: "optional: #{name(check)}: #{words}\n"),
+      for(note <- Map.get(report, :notes, []), do: "note: #{note}\n")
     ])
   end
 
@@ -82,20 +74,6 @@ defmodule BB.Firmware.Guard.Report do
 
   def words({:good_for, ms, breaks, reason}),
     do: "good for #{ms} ms only; broke #{breaks} times, last: #{words(reason)}"
-
-  defp write_synced(file, text) do
-    with {:ok, result} <- File.open(file, [:write, :raw], &write_and_sync(&1, text)), do: result
-  end
-
-  defp write_and_sync(device, text) do
-    with :ok <- :file.write(device, text), do: :file.sync(device)
-  end
-
-  defp set_aside(file) do
-    Logger.warning("#{file} is no report of a guard; it is now #{file}.corrupt")
-    _ = File.rename(file, file <> ".corrupt")
-    nil
-  end
 
   defp file(folder, outcome), do: Path.join(folder, "#{outcome}.txt")
 end
