@@ -9,27 +9,43 @@ defmodule BB.Firmware.Provisioning do
   | `wifi_ssid`, `wifi_passphrase` | a Wi-Fi to join; without a passphrase an open one |
   | `wifi_country` | two letters, for the channels that are allowed there |
 
-  It is done once, when the application starts, and leaves no process. What cannot be done is logged, and the robot runs all the same. A Wi-Fi
-  that a person sets up on the board itself goes before the card's.
+  It is done once, when the application starts, and leaves no process. What cannot be done, or does not return in time, is
+  logged without what was told, and the robot runs all the same. A Wi-Fi that a person sets up on the board itself goes before
+  the card's.
   """
 
   require Logger
 
-  alias BB.Firmware.Board
+  alias BB.Firmware.{Attempt, Board}
   alias BB.Firmware.Network.Source
+
+  @limit_ms 10_000
 
   @doc false
   def child_spec(opts),
     do: %{id: __MODULE__, start: {__MODULE__, :start_link, [opts]}, restart: :transient}
 
-  @doc "Does it. Options: `board:` and `network:`, without which they are the configured ones."
+  @doc """
+  Does it, and always returns `:ignore`. Options: `board:` and `network:`, without which they are the configured ones, and
+  `limit_ms:` (#{@limit_ms}) for each step.
+  """
   @spec start_link(keyword()) :: :ignore
   def start_link(opts) do
     network = opts[:network] || Source.configured()
-    steps = steps(Board.provisioned(opts[:board] || Board.configured()))
-    Enum.each(steps, &take(&1, network))
+    board = opts[:board] || Board.configured()
+    once = [attempts: 1, limit_ms: opts[:limit_ms] || @limit_ms]
+
+    with {:ok, told} <-
+           Attempt.run("what the card was told", fn -> Board.provisioned(board) end, once) do
+      for step <- steps(told), do: Attempt.run(what(step), fn -> take(step, network) end, once)
+    end
+
     :ignore
   end
+
+  # Without the passphrase.
+  defp what({:name, name}), do: "the name #{inspect(name)}"
+  defp what({:join, wifi}), do: "the Wi-Fi #{inspect(wifi.ssid)}"
 
   @doc """
   What follows from what the card was told.

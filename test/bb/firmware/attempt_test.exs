@@ -1,0 +1,46 @@
+defmodule BB.Firmware.AttemptTest do
+  use ExUnit.Case, async: true
+
+  import ExUnit.CaptureLog
+
+  alias BB.Firmware.Attempt
+
+  @quick [attempts: 2, pause_ms: 0, limit_ms: 50]
+
+  @wrong [
+    raises: quote(do: raise("no card")),
+    throws: quote(do: throw(:ball)),
+    exits: quote(do: exit({:timeout, {GenServer, :call, []}})),
+    "exits normally": quote(do: exit(:normal)),
+    "is killed": quote(do: Process.exit(self(), :kill)),
+    "never returns": quote(do: Process.sleep(:infinity))
+  ]
+
+  for {what, code} <- @wrong do
+    test "what #{what} is tried again, and then left out" do
+      test = self()
+
+      fun = fn ->
+        send(test, :tried)
+        unquote(code)
+      end
+
+      log = capture_log(fn -> assert Attempt.run("the step", fun, @quick) == :error end)
+      assert_received :tried
+      assert_received :tried
+      refute_received _nothing_else
+      assert log =~ "the step: the start goes on without it"
+    end
+  end
+
+  test "what succeeds in the end has its result" do
+    {:ok, count} = Agent.start_link(fn -> 0 end)
+
+    fun = fn ->
+      if Agent.get_and_update(count, &{&1, &1 + 1}) == 0, do: exit(:late), else: :mounted
+    end
+
+    capture_log(fn -> assert Attempt.run("mounting", fun, @quick) == {:ok, :mounted} end)
+    assert Attempt.run("mounting", fn -> nil end, @quick) == {:ok, nil}
+  end
+end
