@@ -1,5 +1,6 @@
 defmodule BB.Firmware.GateTest do
-  use ExUnit.Case, async: true
+  # An update concerns every robot of the VM: those of other tests must not be armed meanwhile.
+  use ExUnit.Case, async: false
 
   import BB.Test.Eventually
   import BB.Test.Robot
@@ -25,23 +26,37 @@ defmodule BB.Firmware.GateTest do
     {:ok, memory} = Memory.start_link(status: :validated, tell: self())
 
     gate = Module.concat(robot, Gate)
-    opts = [robot: robot, name: gate, board: {Memory, memory}, public_key: key, settle_ms: 0]
-    start_supervised!({Gate, opts})
-    %{robot: robot, memory: memory, key: key, gate: gate}
+    folder = Path.join(tmp_dir, "guard")
+    own = [board: {Memory, memory}, public_key: key, settle_ms: 0, folder: folder]
+    start_supervised!({Gate, [robot: robot, name: gate] ++ own})
+    on_exit(fn -> forget(gate) end)
+    %{robot: robot, memory: memory, key: key, gate: gate, folder: folder, own: own}
+  end
+
+  # What belongs to no supervisor ends with its uploader, but for one that has written.
+  defp forget(gate) do
+    lock = Process.whereis(Module.concat(gate, Lock))
+    if lock, do: Process.exit(lock, :kill)
   end
 
   # An uploader as the SSH channel is one: it asks, writes, and ends.
-  defp upload(gate) do
+  defp upload(gate, opts \\ []) do
     test = self()
 
     {:ok, pid} =
       Task.start(fn ->
-        send(test, {:answer, self(), Gate.precheck(gate)})
+        send(test, {:answer, self(), Gate.precheck(gate, opts)})
         receive do: (:end -> :ok)
       end)
 
-    assert_receive {:answer, ^pid, answer}
+    assert_receive {:answer, ^pid, answer}, 30_000
     {pid, answer}
+  end
+
+  defp finish(uploader) do
+    ref = Process.monitor(uploader)
+    send(uploader, :end)
+    assert_receive {:DOWN, ^ref, :process, ^uploader, _}, 30_000
   end
 
   test "an update is let in with the key that its signature must fit", %{gate: gate, key: key} do
@@ -121,8 +136,145 @@ defmodule BB.Firmware.GateTest do
              )
   end
 
-  test "an update is refused when there is no gate" do
-    assert Gate.precheck(:no_gate_of_this_name) ==
-             {:error, "the gate for updates does not answer\n"}
+  test "the next upload waits until it is known whether one that has ended wrote anything", %{
+    robot: robot,
+    own: own
+  } do
+    gate = Module.concat(robot, Slow)
+    opts = [robot: robot, name: gate] ++ Keyword.put(own, :settle_ms, 300)
+    start_supervised!({Gate, opts}, id: gate)
+
+    # It failed: the next one is let in, and is told of no other.
+    {first, {:ok, _}} = upload(gate)
+    finish(first)
+    {second, {:ok, _}} = upload(gate)
+    assert {_, {:error, "another update is being written\n"}} = upload(gate)
+
+    # It succeeded: the next one has waited for that.
+    finish(second)
+    waiting = Task.async(fn -> Gate.precheck(gate) end)
+    assert Gate.written(gate) == :ok
+    assert {:error, "an update has been written" <> _} = Task.await(waiting, 30_000)
+    forget(gate)
+  end
+
+  test "two that come at once do not both enter", %{gate: gate} do
+    answers =
+      for _ <- 1..8, reduce: [] do
+        tasks -> [Task.async(fn -> {Gate.precheck(gate), stay()} end) | tasks]
+      end
+
+    answers = answers |> Enum.map(&Task.await(&1, 60_000)) |> Enum.map(&elem(&1, 0))
+    assert [{:ok, _}] = Enum.filter(answers, &match?({:ok, _}, &1))
+  end
+
+  # Longer than the others take to ask.
+  defp stay, do: Process.sleep(500)
+
+  test "an update is refused while another robot is armed than the gate's", %{gate: gate} do
+    other =
+      robot do
+        topology do
+          link :base_link do
+          end
+        end
+      end
+
+    start_supervised!(other)
+    :ok = Safety.arm(other)
+    assert {_, {:error, "the robot is armed: disarm it first\n"}} = upload(gate)
+    :ok = Safety.disarm(other)
+    {_, {:ok, _}} = upload(gate)
+    assert Safety.arm(other) == {:error, {:inhibited, [{[:firmware, :update], :update}]}}
+  end
+
+  test "an update that is let in, and one that is written, are noted", context do
+    Memory.answer(context.memory, :validation_status, nil)
+    Agent.update(context.memory, &%{&1 | firmware: %{"nerves_fw_uuid" => "old"}})
+    {_, {:ok, _}} = upload(context.gate)
+    assert File.read!(Path.join(context.folder, "trial.txt")) =~ "state accepted"
+    assert Gate.written(context.gate) == :ok
+    assert File.read!(Path.join(context.folder, "trial.txt")) =~ "state written"
+    assert [line] = BB.Firmware.Story.recent(context.folder)
+    assert line =~ "an update was written"
+  end
+
+  describe "without a gate" do
+    setup %{gate: gate} do
+      stop_supervised!(Gate)
+      refute Process.whereis(gate)
+      :ok
+    end
+
+    test "a signed update is let in where nothing is armed, and that is told", context do
+      {uploader, {:ok, options}} = upload(context.gate, context.own)
+      assert options == [fwup_extra_options: ["--public-key-file", context.key]]
+      assert [line] = BB.Firmware.Story.recent(context.folder)
+      assert line =~ "without the gate"
+
+      # One at a time all the same, also when what holds the lock is killed.
+      busy = {:error, "another update is being written\n"}
+      assert {_, ^busy} = upload(context.gate, context.own)
+      forget(context.gate)
+      assert {_, ^busy} = upload(context.gate, context.own)
+      finish(uploader)
+      assert {_, {:ok, _}} = upload(context.gate, context.own)
+    end
+
+    test "an update is refused without a key, and for what is armed", context do
+      :ok = Safety.arm(context.robot)
+      assert {_, {:error, "the robot is armed" <> _}} = upload(context.gate, context.own)
+      :ok = Safety.disarm(context.robot)
+      File.rm!(context.key)
+
+      assert {_, {:error, "no signature could be checked" <> _}} =
+               upload(context.gate, context.own)
+
+      # What is not configured has its default, which the host has not.
+      assert {_, {:error, text}} = upload(:no_gate_of_this_name, [])
+      assert text =~ "/etc/ganglion/firmware.pub is missing"
+    end
+
+    test "no robot can be armed while an update is written", context do
+      {uploader, {:ok, _}} = upload(context.gate, context.own)
+      assert {:error, {:inhibited, _}} = Safety.arm(context.robot)
+      finish(uploader)
+      eventually(fn -> Safety.arm(context.robot) == :ok end, 30_000)
+    end
+
+    test "a board of which nothing can be told takes an update, one on trial does not", context do
+      Memory.answer(context.memory, :validation_status, {:error, :nerves_runtime_is_down})
+      {uploader, {:ok, _}} = upload(context.gate, context.own)
+      finish(uploader)
+      Memory.answer(context.memory, :validation_status, :unvalidated)
+      assert {_, {:error, text}} = upload(context.gate, context.own)
+      assert text =~ "goes back to the firmware before"
+    end
+
+    test "options that are wrong do not keep an update out", context do
+      opts = [settle_ms: "soon", board: :none, robot: 5, nonsense: true] ++ context.own
+      assert {_, {:ok, _}} = upload(context.gate, opts)
+      assert {_, {:error, text}} = upload(:another_gate, :nonsense)
+      assert text =~ "is missing"
+    end
+
+    test "the board restarts when the update is written", context do
+      :ok = Safety.arm(context.robot)
+      assert Gate.written(context.gate, context.own) == :ok
+      assert_receive {Memory, :reboot}
+      assert Safety.state(context.robot) == :disarmed
+      assert Gate.busy?(context.gate)
+      assert {_, {:error, "an update has been written" <> _}} = upload(context.gate, context.own)
+    end
+
+    test "a gate that comes back knows whom was let in", context do
+      {uploader, {:ok, _}} = upload(context.gate, context.own)
+      Safety.allow(context.robot, [:firmware, :update])
+      start_supervised!({Gate, [robot: context.robot, name: context.gate] ++ context.own})
+      assert [{[:firmware, :update], :update}] = Safety.inhibitions(context.robot)
+      assert {_, {:error, "another update is being written\n"}} = upload(context.gate)
+      finish(uploader)
+      assert {_, {:ok, _}} = upload(context.gate)
+    end
   end
 end

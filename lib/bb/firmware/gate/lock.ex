@@ -7,11 +7,12 @@ defmodule BB.Firmware.Gate.Lock do
                              └───────── written ───────┴─► :written
 
   The process that uploads ends before the firmware's success is told, by half a second. What a second upload would then write
-  over is the running firmware; so the lock stays closed for `settle_ms` after its holder has left.
+  over is the running firmware; so the lock stays closed for `settle_ms` after its holder has left. Who comes within that time
+  waits (`:closing`): nothing is written then, and soon it is known whether anything was. `BB.Firmware.Gate.Holder` has it.
   """
 
   @type t :: :free | {:held, pid()} | {:closing, until_ms :: integer()} | :written
-  @type refusal :: :updating | :written
+  @type refusal :: :updating | :closing | :written
 
   @doc "An uploader asks to enter."
   @spec enter(t(), pid(), integer()) :: {:ok, t()} | {:error, refusal()}
@@ -20,6 +21,7 @@ defmodule BB.Firmware.Gate.Lock do
   def enter({:closing, until_ms}, holder, now_ms) when now_ms >= until_ms,
     do: {:ok, {:held, holder}}
 
+  def enter({:closing, _until_ms}, _holder, _now_ms), do: {:error, :closing}
   def enter(:written, _holder, _now_ms), do: {:error, :written}
   def enter(_lock, _holder, _now_ms), do: {:error, :updating}
 

@@ -10,13 +10,15 @@ defmodule BB.Firmware.Gate.DecisionTest do
     safety: [:disarmed, :error],
     validation: [:validated, :unknown],
     lock: [:ok],
-    key: [{:ok, "/key"}]
+    key: [{:ok, "/key"}],
+    gate: [:there, :gone]
   }
   @bad %{
     safety: [:armed, :disarming],
     validation: [:unvalidated, {:error, :timeout}],
-    lock: [{:error, :updating}, {:error, :written}],
-    key: [{:error, {"/key", "is missing"}}]
+    lock: [{:error, :updating}, {:error, :written}, {:error, :unknown}],
+    key: [{:error, {"/key", "is missing"}}],
+    gate: [:there]
   }
 
   property "an update is let in only when nothing at all speaks against it", numtests: 1_000 do
@@ -26,7 +28,12 @@ defmodule BB.Firmware.Gate.DecisionTest do
 
     forall facts <- facts do
       facts = Map.new(facts)
-      good? = Enum.all?(facts, fn {name, fact} -> fact in @good[name] end)
+      gone? = facts.gate == :gone and match?({:error, _}, facts.validation)
+
+      good? =
+        Enum.all?(facts, fn {name, fact} ->
+          fact in @good[name] or (name == :validation and gone?)
+        end)
 
       case Decision.decide(facts) do
         :ok -> assert good?

@@ -1,0 +1,204 @@
+defmodule BB.Firmware.Gate.Holder do
+  @moduledoc """
+  Who writes a firmware, as a process of its own: it belongs to no supervisor and no application, so that two uploads exclude each
+  other also on a board whose gate, robot and application are gone.
+
+  The lock (`BB.Firmware.Gate.Lock`) is the process that has its name: one process has a name at a time, and it is there as long as
+  somebody uploads, or may just have written. The uploader gets a name too. Whoever kills the lock's process finds the
+  uploader by that name, and the lock is made anew for it.
+
+  As long as it is there the robots cannot be armed (`BB.Safety.inhibit/3` at `[:firmware, :update]`).
+  """
+
+  use GenServer
+
+  alias BB.Firmware.Gate.Lock
+  alias BB.Safety
+
+  @path [:firmware, :update]
+  @attempts 5
+  # Longer than any settling time.
+  @call_timeout_ms 30_000
+
+  @typedoc "The name of the lock, and the one of who holds it."
+  @type names :: {lock :: atom(), uploader :: atom()}
+
+  @typedoc "Names, the robots that cannot be armed meanwhile, and how long the lock stays closed after an upload."
+  @type settings :: %{names: names(), robots: [module()], settle_ms: non_neg_integer()}
+
+  @doc """
+  Makes the calling process the holder. It waits while it is not known whether the upload before has written anything.
+  """
+  @spec enter(settings()) :: :ok | {:error, :updating | :written | :unknown}
+  def enter(settings) do
+    adopt(settings)
+    enter(settings, self(), @attempts)
+  end
+
+  defp enter(_settings, _uploader, 0), do: {:error, :unknown}
+
+  defp enter(%{names: {lock, name}} = settings, uploader, attempts) do
+    answer =
+      case start(uploader, settings) do
+        {:ok, _pid} -> :ok
+        {:error, {:already_started, _pid}} -> ask(lock, {:enter, uploader})
+      end
+
+    case answer do
+      :ok -> name(uploader, name)
+      :gone -> enter(settings, uploader, attempts - 1)
+      refused -> refused
+    end
+  end
+
+  @doc "The calling process writes nothing: it leaves at once."
+  @spec leave(settings()) :: :ok
+  def leave(%{names: {lock, name}}) do
+    _ = if Process.whereis(name) == self(), do: Process.unregister(name)
+    _ = ask(lock, {:leave, self()})
+    :ok
+  end
+
+  @doc "A firmware was written: from now on nobody enters."
+  @spec written(settings()) :: :ok
+  def written(%{names: {lock, _name}} = settings) do
+    with :gone <- ask(lock, :written) do
+      _ = start(:nobody, settings)
+      _ = ask(lock, :written)
+      :ok
+    end
+  end
+
+  @doc "How the lock is."
+  @spec lock(names()) :: Lock.t()
+  def lock({lock, name}) do
+    case {ask(lock, :lock), Process.whereis(name)} do
+      {:gone, nil} -> :free
+      {:gone, uploader} -> {:held, uploader}
+      {state, _uploader} -> state
+    end
+  end
+
+  @doc """
+  Makes the lock anew for an uploader whose lock was killed, and forbids arming again where a lock is. `:free` when there is neither.
+  """
+  @spec adopt(settings()) :: :held | :free
+  def adopt(%{names: {lock, name}} = settings) do
+    uploader = Process.whereis(name)
+    lock = Process.whereis(lock)
+    _ = if lock == nil and uploader not in [nil, self()], do: start(uploader, settings)
+
+    if lock || uploader not in [nil, self()] do
+      inhibit(settings.robots)
+      :held
+    else
+      :free
+    end
+  end
+
+  @doc "Forbids arming. A robot of which safety cannot be told is not armed by it either."
+  @spec inhibit([module()]) :: :ok
+  def inhibit(robots), do: each(robots, &Safety.inhibit(&1, @path, :update))
+
+  @doc "Takes that back."
+  @spec allow([module()]) :: :ok
+  def allow(robots), do: each(robots, &Safety.allow(&1, @path))
+
+  # The tables of safety belong to an application that may be gone.
+  defp each(robots, fun) do
+    Enum.each(robots, fn robot ->
+      try do
+        fun.(robot)
+      rescue
+        ArgumentError -> :ok
+      end
+    end)
+  end
+
+  defp start(uploader, %{names: {lock, _name}} = settings),
+    do: GenServer.start(__MODULE__, {uploader, settings}, name: lock)
+
+  defp ask(lock, request) do
+    GenServer.call(lock, request, @call_timeout_ms)
+  catch
+    :exit, _reason -> :gone
+  end
+
+  defp name(pid, name) do
+    true = Process.register(pid, name)
+    :ok
+  rescue
+    # It has ended already, or has a name of its own.
+    ArgumentError -> :ok
+  end
+
+  @impl GenServer
+  def init({uploader, settings}) do
+    # The end of an application ends all processes of its group.
+    Process.group_leader(self(), Process.whereis(:init))
+    inhibit(settings.robots)
+    {:ok, hold(%{lock: :free, waiting: [], settings: settings}, uploader)}
+  end
+
+  defp hold(state, :nobody), do: state
+
+  defp hold(state, uploader) do
+    _ = Process.monitor(uploader)
+    {:ok, lock} = Lock.enter(:free, uploader, now_ms())
+    %{state | lock: lock}
+  end
+
+  @impl GenServer
+  def handle_call({:enter, uploader}, from, state) do
+    case Lock.enter(state.lock, uploader, now_ms()) do
+      {:ok, _lock} -> {:reply, :ok, hold(state, uploader)}
+      {:error, :closing} -> {:noreply, %{state | waiting: state.waiting ++ [{from, uploader}]}}
+      {:error, refusal} -> {:reply, {:error, refusal}, state}
+    end
+  end
+
+  def handle_call({:leave, uploader}, from, %{lock: {:held, uploader}} = state) do
+    GenServer.reply(from, :ok)
+    next(%{state | lock: :free})
+  end
+
+  def handle_call({:leave, _other}, _from, state), do: {:reply, :ok, state}
+
+  def handle_call(:written, _from, state) do
+    for {from, _uploader} <- state.waiting, do: GenServer.reply(from, {:error, :written})
+    {:reply, :ok, %{state | lock: Lock.written(state.lock), waiting: []}}
+  end
+
+  def handle_call(:lock, _from, state), do: {:reply, state.lock, state}
+
+  @impl GenServer
+  def handle_info({:DOWN, _ref, :process, pid, _reason}, state) do
+    settle_ms = state.settings.settle_ms
+    lock = Lock.left(state.lock, pid, now_ms(), settle_ms)
+    _ = if lock != state.lock, do: Process.send_after(self(), :passed, settle_ms)
+    {:noreply, %{state | lock: lock}}
+  end
+
+  def handle_info(:passed, state) do
+    case Lock.passed(state.lock, now_ms()) do
+      :free -> next(%{state | lock: :free})
+      lock -> {:noreply, %{state | lock: lock}}
+    end
+  end
+
+  def handle_info(_other, state), do: {:noreply, state}
+
+  # The first who waits enters; without one the lock is gone.
+  defp next(%{waiting: []} = state) do
+    allow(state.settings.robots)
+    {:stop, :normal, state}
+  end
+
+  defp next(%{waiting: [{from, uploader} | rest]} = state) do
+    GenServer.reply(from, :ok)
+    for {from, _uploader} <- rest, do: GenServer.reply(from, {:error, :updating})
+    {:noreply, hold(%{state | waiting: []}, uploader)}
+  end
+
+  defp now_ms, do: System.monotonic_time(:millisecond)
+end
