@@ -11,14 +11,17 @@ config :nerves, :firmware,
   rootfs_overlay: "rootfs_overlay",
   provisioning: "firmware/provisioning.conf"
 
-config :shoehorn, init: [:nerves_runtime, :nerves_pack]
+# Shoehorn starts applications as temporary: one that ends stays ended, but for this handler.
+config :shoehorn,
+  init: [:nerves_runtime, :nerves_pack],
+  handler: BB.Firmware.Applications
 
 config :logger, backends: [RingLogger]
 
 # BB.Firmware.Guard validates, when the robot works. This one would as soon as the applications have started.
 config :nerves_runtime, startup_guard_enabled: false
 
-# Before anything in /data is used, what is damaged there is set aside.
+# Before anything in /data is used, what is damaged there is set aside. It cannot end the start.
 config :nerves_runtime, init_module: BB.Firmware.Init
 
 # An update comes in through the gate, and only with a signature that fits the board's key.

@@ -83,7 +83,7 @@ defmodule ArchitectureTest do
   ]
 
   # What comes from outside, by the start of its name, and which of our modules may name it.
-  @boards ~w(Nerves VintageNet MdnsLite Circuits)
+  @boards ~w(Nerves Shoehorn VintageNet MdnsLite Circuits)
   @outside [
     {@boards, ~w(BB.Bus.* BB.Firmware.*)},
     {~w(Rustler), ~w(BB.Ring.Loader)}

@@ -1,0 +1,242 @@
+defmodule BB.Firmware.ApplicationsTest do
+  @moduledoc """
+  Applications that are killed, as OTP's application controller sees and reports it. They are ones of the test: the project's own
+  has the robots of other tests.
+  """
+
+  # Reports of starts are logged for debugging, so the logger's level is the VM's.
+  use ExUnit.Case, async: false
+
+  import BB.Test.Eventually
+
+  alias BB.Firmware.Applications
+  alias BB.Firmware.Applications.Keeper
+  alias BB.Firmware.Board.Memory
+  alias BB.Firmware.{Story, Trial}
+  alias BB.Test.Shoehorn
+
+  @moduletag :tmp_dir
+  @moduletag :capture_log
+
+  @pauses [pauses_ms: [0, 1, 1, 1], stay_ms: 1]
+
+  # An application whose supervisor has the application's name; `fail: true` in its environment keeps it from starting.
+  defmodule App do
+    use Application
+
+    def start(_type, app) do
+      if Application.get_env(app, :fail),
+        do: {:error, :no_such_chip},
+        else: Supervisor.start_link([], strategy: :one_for_one, name: app)
+    end
+  end
+
+  setup context do
+    level = Logger.level()
+    Logger.configure(level: :debug)
+    on_exit(fn -> Logger.configure(level: level) end)
+
+    app = application([])
+    dependent = application([app])
+    {:ok, _} = Application.ensure_all_started(dependent)
+
+    {:ok, memory} =
+      Memory.start_link(
+        status: :validated,
+        tell: self(),
+        firmware: %{"nerves_fw_uuid" => "running", "nerves_fw_version" => "1.0.0"}
+      )
+
+    Map.merge(
+      %{app: app, dependent: dependent, memory: memory, folder: context.tmp_dir},
+      keeper(context.tmp_dir, memory, [app, dependent], [])
+    )
+  end
+
+  defp keeper(folder, memory, apps, opts) do
+    own = [board: {Memory, memory}, folder: folder, expected: apps, gate: :no_gate]
+    {:ok, keeper} = Keeper.start(@pauses ++ own ++ opts)
+    on_exit(fn -> Process.exit(keeper, :kill) end)
+    %{keeper: keeper, shoehorn: Shoehorn.start(Applications, keeper, apps)}
+  end
+
+  defp application(dependencies) do
+    app = :"test_app_#{System.unique_integer([:positive])}"
+    keys = [vsn: '1', applications: [:kernel, :stdlib] ++ dependencies, mod: {App, app}]
+    :ok = :application.load({:application, app, keys})
+
+    on_exit(fn ->
+      Application.stop(app)
+      Application.unload(app)
+    end)
+
+    app
+  end
+
+  defp kill(app) do
+    pid = eventually(fn -> Process.whereis(app) end, 30_000)
+    ref = Process.monitor(pid)
+    Process.exit(pid, :kill)
+    assert_receive {:DOWN, ^ref, :process, ^pid, _}, 30_000
+  end
+
+  defp running?(app), do: List.keymember?(Application.started_applications(), app, 0)
+
+  defp story?(folder, words),
+    do: Enum.any?(Story.recent(folder), &String.contains?(&1, words))
+
+  test "an application that ends is started again, and the story says so", context do
+    %{app: app, folder: folder} = context
+    kill(app)
+    eventually(fn -> story?(folder, "the application #{app} runs again") end, 30_000)
+    assert running?(app)
+    assert story?(folder, "#{app} ended (:killed); it is started again (1 of 4)")
+    refute_received {Memory, _}
+  end
+
+  test "when that does not help the board restarts, and all robots are disarmed first", context do
+    %{app: app, folder: folder} = context
+    for _ <- 1..5, do: kill(app)
+    assert_receive {Memory, :reboot}, 30_000
+    assert story?(folder, "(4 of 4)")
+    assert story?(folder, "that does not help; the board restarts (time 1)")
+    refute_received {Memory, :revert}
+  end
+
+  test "an application that cannot start, and what depends on it, come back once it can",
+       context do
+    %{app: app, dependent: dependent, memory: memory, folder: folder} = context
+    # A start that fails is an end, as at the start of the release.
+    Application.stop(dependent)
+    eventually(fn -> story?(folder, "#{dependent} was stopped by a person") end, 30_000)
+    Application.stop(app)
+    Application.put_env(app, :fail, true)
+    assert {:error, _} = Application.start(app)
+    eventually(fn -> story?(folder, ":no_such_chip") end, 30_000)
+    assert_receive {Memory, :reboot}, 30_000
+
+    # The next start of the board: the same, but for the cause.
+    other = keeper(folder, memory, [app, dependent], [])
+    Application.put_env(app, :fail, false)
+    Keeper.tell(other.keeper, {:ended, app, :no_such_chip})
+    eventually(fn -> running?(app) and running?(dependent) end, 30_000)
+  end
+
+  test "an application that a person has stopped stays stopped", context do
+    %{app: app, dependent: dependent, folder: folder} = context
+    Application.stop(dependent)
+    eventually(fn -> story?(folder, "#{dependent} was stopped by a person") end, 30_000)
+    kill(app)
+    eventually(fn -> story?(folder, "#{app} runs again") end, 30_000)
+    refute running?(dependent)
+  end
+
+  test "a board that was restarted in vain stays up, goes on trying, and keeps its watchdog quiet",
+       context do
+    %{app: app, memory: memory, folder: folder} = context
+
+    for n <- 1..3 do
+      %{keeper: keeper} = keeper(folder, memory, [app], [])
+      for _ <- 1..5, do: Keeper.tell(keeper, {:ended, app, :no_such_chip})
+      assert_receive {Memory, :reboot}, 30_000
+      assert story?(folder, "the board restarts (time #{n})")
+    end
+
+    %{keeper: keeper} = keeper(folder, memory, [app], [])
+    for _ <- 1..5, do: Keeper.tell(keeper, {:ended, app, :no_such_chip})
+    assert_receive {Memory, :init_complete}, 30_000
+    eventually(fn -> story?(folder, "stays up for an update") end, 30_000)
+    refute_received {Memory, :reboot}
+
+    Application.stop(app)
+    Application.stop(context.dependent)
+    Keeper.tell(keeper, {:ended, app, :no_such_chip})
+    eventually(fn -> running?(app) end, 30_000)
+  end
+
+  test "restarts of the board are forgotten once all has run for a while", context do
+    %{app: app, memory: memory, folder: folder} = context
+    for _ <- 1..5, do: Keeper.tell(context.keeper, {:ended, app, :no_such_chip})
+    assert_receive {Memory, :reboot}, 30_000
+    file = Path.join(folder, "restarts.txt")
+    assert File.exists?(file)
+    keeper(folder, memory, [app], calm_ms: 1)
+    eventually(fn -> not File.exists?(file) end, 30_000)
+  end
+
+  test "a board that cannot keep how often it restarts stays up", context do
+    %{app: app, memory: memory, folder: folder} = context
+    File.write!(Path.join(folder, "file"), "")
+    %{keeper: keeper} = keeper(Path.join(folder, "file"), memory, [app], [])
+    for _ <- 1..5, do: Keeper.tell(keeper, {:ended, app, :no_such_chip})
+    _ = :sys.get_state(keeper, 30_000)
+    refute_received {Memory, _}
+  end
+
+  test "firmware on trial is reverted, and the report says why", context do
+    %{app: app, memory: memory, folder: folder} = context
+    Memory.answer(memory, :validation_status, :unvalidated)
+    :ok = Trial.begin(folder, {Memory, memory})
+    for _ <- 1..5, do: kill(app)
+    assert_receive {Memory, :revert}, 30_000
+    report = BB.Firmware.Guard.Report.read(folder, :reverted)
+    assert report =~ "by the keeper of its applications"
+    assert report =~ "#{app} ended"
+    refute_received {Memory, :reboot}
+  end
+
+  test "an update that is being written is waited for", context do
+    %{app: app, memory: memory, folder: folder} = context
+    gate = :"gate_#{System.unique_integer([:positive])}"
+    key = Path.join(folder, "key")
+    File.write!(key, "key")
+    own = [board: {Memory, memory}, public_key: key, folder: folder, settle_ms: 0]
+    assert {:ok, _} = BB.Firmware.Gate.precheck(gate, own)
+    %{keeper: keeper} = keeper(folder, memory, [app], gate: gate)
+    for _ <- 1..5, do: Keeper.tell(keeper, {:ended, app, :no_such_chip})
+    _ = :sys.get_state(keeper, 30_000)
+    refute_received {Memory, :reboot}
+
+    BB.Firmware.Gate.Holder.leave(%{
+      names: {Module.concat(gate, Lock), Module.concat(gate, Holder)}
+    })
+
+    assert_receive {Memory, :reboot}, 30_000
+  end
+
+  test "a board that refuses to restart goes on trying to start what has ended", context do
+    %{app: app, memory: memory, folder: folder} = context
+    Memory.answer(memory, :reboot, {:error, :no_board})
+    for _ <- 1..5, do: kill(app)
+    assert_receive {Memory, :reboot}, 30_000
+    eventually(fn -> running?(app) end, 30_000)
+    assert story?(folder, "the board restarts")
+  end
+
+  describe "the handler" do
+    test "is one as shoehorn calls it, and never asks to halt" do
+      on_exit(fn -> (pid = Process.whereis(Keeper)) && Process.exit(pid, :kill) end)
+      assert {:ok, state} = Applications.init(init: [:nerves_runtime], handler: Applications)
+      assert Process.whereis(Keeper)
+      assert {:continue, ^state} = Applications.application_started(:some_app, state)
+      assert {:continue, ^state} = Applications.application_exited(:some_app, :stopped, state)
+    end
+
+    test "starts its keeper again when that was killed" do
+      on_exit(fn -> (pid = Process.whereis(Keeper)) && Process.exit(pid, :kill) end)
+      {:ok, state} = Applications.init([])
+      keeper = Process.whereis(Keeper)
+      ref = Process.monitor(keeper)
+      Process.exit(keeper, :kill)
+      assert_receive {:DOWN, ^ref, :process, ^keeper, _}, 30_000
+      assert {:continue, ^state} = Applications.application_exited(:some_app, :stopped, state)
+      assert Process.whereis(Keeper) not in [nil, keeper]
+    end
+
+    test "works with options that are wrong", context do
+      {:ok, keeper} = Keeper.start(pauses_ms: :never, nonsense: true, folder: context.folder)
+      on_exit(fn -> Process.exit(keeper, :kill) end)
+      assert %{} = :sys.get_state(keeper)
+    end
+  end
+end
