@@ -10,33 +10,38 @@ defmodule Ganglion.Console do
   | `topics()` | every source on the pubsub |
   | `ring()` | every topic in shared memory |
   | `params()` | the parameters and their values |
-  | `firmware()` | what runs here, whether it stays, and why the one before did not |
-  | `i2c_scan()` | which addresses answer on the I²C buses |
+  | `firmware()` | what runs here, whether it stays, why the one before did not, and what happened to the board |
+  | `i2c_scan()` | which addresses answer on the I2C buses |
 
   | act | |
   |---|---|
   | `arm()`, `disarm()` | let the robot move, make it safe |
   | `estop()`, `release()` | make it safe and keep it so, until released |
+  | `revert()` | start the firmware before this one, unless it was refused |
 
-  The parentheses belong to them: without, Elixir takes the word for a variable. Each takes a robot as its last argument;
-  without one it is that of the configuration (`config :ganglion, :robot`), or `Ganglion.Robot`.
+  The parentheses belong to them: without, Elixir takes the word for a variable. What is about a robot takes one as its last
+  argument; without one it is that of the configuration (`config :ganglion, :robot`), or `Ganglion.Robot`.
   They print, fit 80 columns, return nothing of interest, and never raise: what goes wrong is a line that says so.
+
+  What they print is ASCII, whatever it tells of: a command over ssh (`ssh host 'Ganglion.Console.sensors()'`) drops each write
+  with a character that Latin-1 does not have.
   """
 
   alias BB.Bus.I2C
-  alias BB.Firmware.{Board, Guard}
+  alias BB.Firmware.{Board, Gate, Guard, Robots, Story, Trial}
   alias BB.Firmware.Guard.Report
   alias BB.{Parameter, PubSub, Ring, Safety, Sensor}
-  alias Ganglion.Console.Table
+  alias Ganglion.Console.{Plain, Reading, Table}
 
   @estop [:console, :estop]
   @segment "conduit_"
   @watch_seconds 10
   @watch_rate_hz 5
   @i2c_timeout_ms 20
+  @events 8
 
-  @typedoc "What IEx does not show."
-  @type printed :: :"do not show this result in output"
+  @typedoc "What IEx does not show; `:ok` where it is not IEx that asks."
+  @type printed :: :"do not show this result in output" | :ok
 
   @doc "Each sensor: its state, its rate and the one it declares, the age of its last message, and below it what is or was wrong with it."
   @spec sensors(module()) :: printed()
@@ -44,7 +49,7 @@ defmodule Ganglion.Console do
     safely(fn ->
       rows = Sensor.health(robot)
       print(~w(sensor state Hz declared age restarts), Enum.map(rows, &sensor_row/1))
-      for row <- rows, do: IO.write(Table.trouble(row))
+      for row <- rows, do: put(Table.trouble(row))
     end)
   end
 
@@ -109,24 +114,53 @@ defmodule Ganglion.Console do
       # A process of its own, so that the console's mailbox stays empty.
       watcher = Task.async(fn -> safely(fn -> watch(path, opts, until) end) end)
       _ = Task.await(watcher, :infinity)
-      IO.puts("watched for #{opts[:seconds]} s")
+      say("watched for #{opts[:seconds]} s")
     end)
   end
 
-  @doc "What firmware runs, whether it stays, what its guard waits for, and why the last one that was reverted was."
+  @doc """
+  What firmware runs, whether it stays, what its guard waits for, why the last one that was reverted was, and what happened to the
+  board of late.
+  """
   @spec firmware(GenServer.server(), Path.t()) :: printed()
-  def firmware(guard \\ Guard, folder \\ guard_folder()) do
+  def firmware(guard \\ Guard, folder \\ Story.folder()) do
     safely(fn ->
       board = Board.configured()
       rows = for {name, value} <- Enum.sort(Board.firmware(board)), do: [name, value]
 
       rows =
         rows ++
-          [["validation", words(Board.validation_status(board))]] ++
-          guard_rows(Guard.state(guard))
+          [["validation", validation(folder, board)]] ++
+          other_rows(folder, board) ++ guard_rows(Guard.state(guard)) ++ application_rows()
 
-      IO.write(Table.render(["firmware", ""], rows))
+      put(Table.render(["firmware", ""], rows))
       if text = Report.read(folder, :reverted), do: print_report(text)
+      print_story(Story.recent(folder, @events))
+    end)
+  end
+
+  @doc """
+  Restarts the board with the firmware before this one, the one in the other slot. In the place of `Nerves.Runtime.revert/1`.
+
+  Refused while a robot is armed or an update is written, where there is no other firmware, and for firmware that was on trial once
+  and did not stay: it would run without a trial. What is left then is an update.
+  """
+  @spec revert(Path.t()) :: printed()
+  def revert(folder \\ Story.folder()) do
+    safely(fn ->
+      board = Board.configured()
+
+      with :ok <- still(Robots.state(Robots.known())),
+           :ok <- idle(Gate.busy?()),
+           {:ok, version} <- other(folder, Board.other(board)) do
+        say("the board restarts with the firmware #{version}")
+        by = "a person, on the console"
+
+        with {:error, reason} <- Trial.revert(folder, board, by, []),
+             do: say("the board did not revert: #{Plain.words(reason)}")
+      else
+        {:refused, why} -> say("refused: #{why}")
+      end
     end)
   end
 
@@ -144,7 +178,7 @@ defmodule Ganglion.Console do
     safely(fn ->
       :ok = Safety.inhibit(robot, @estop, :estop)
       _ = say(Safety.disarm(robot), robot)
-      IO.puts("arming is forbidden until release")
+      say("arming is forbidden until release")
     end)
   end
 
@@ -157,7 +191,7 @@ defmodule Ganglion.Console do
     end)
   end
 
-  @doc "Which addresses answer on each I²C bus, or on one of them."
+  @doc "Which addresses answer on each I2C bus, or on one of them."
   @spec i2c_scan(String.t() | nil) :: printed()
   def i2c_scan(bus \\ nil) do
     table(~w(bus addresses), fn ->
@@ -170,11 +204,11 @@ defmodule Ganglion.Console do
   def motd_rows(robot \\ robot()) do
     [
       [
-        {"Robot", quietly(fn -> to_string(Safety.state(robot)) end)},
+        {"Robot", quietly(fn -> robot_state(robot) end)},
         {"Sensors", quietly(fn -> sensors_up(Sensor.health(robot)) end)}
       ],
-      [{"Firmware", quietly(fn -> words(Board.validation_status(Board.configured())) end)}]
-    ]
+      [{"Guard", quietly(fn -> guard_line(Guard.state()) end)}]
+    ] ++ for([_application, trouble] <- application_rows(), do: [{"Trouble", trouble}])
   end
 
   # Rows
@@ -222,7 +256,7 @@ defmodule Ganglion.Console do
       :ok = I2C.close(bus)
       if found == [], do: "none answers", else: Enum.map_join(found, " ", &hex/1)
     else
-      {:error, reason} -> "cannot be opened: #{inspect(reason)}"
+      {:error, reason} -> "cannot be opened: #{Plain.words(reason)}"
     end
   end
 
@@ -237,15 +271,77 @@ defmodule Ganglion.Console do
 
   defp guard_rows({:error, :not_running}), do: [["guard", "is not running"]]
 
+  # In a word, beside the board's own line about its firmware.
+  defp guard_line({:ok, %{left_ms: left_ms}}) when is_integer(left_ms),
+    do: "firmware on trial, decides within #{div(left_ms, 1_000)} s"
+
+  defp guard_line({:ok, %{phase: :reverting}}), do: "this firmware is reverted"
+  defp guard_line({:ok, _state}), do: "this firmware stays"
+  defp guard_line({:error, :not_running}), do: "not running"
+
+  defp validation(folder, board) do
+    case {Trial.status(folder, board), Board.validation_status(board)} do
+      {:unvalidated, status} when status != :unvalidated -> "on trial, by the guard alone"
+      {status, _of_the_board} -> status(status)
+    end
+  end
+
+  defp other_rows(folder, board) do
+    case Board.other(board) do
+      %{"nerves_fw_uuid" => uuid} = other ->
+        refused = if Trial.refused?(folder, uuid), do: ", which was refused", else: ""
+        [["other slot", "#{other["nerves_fw_version"]}#{refused}"]]
+
+      _nothing ->
+        []
+    end
+  end
+
+  # What belongs to a robot is not there either, and says nothing of why.
+  defp application_rows do
+    if Process.whereis(Ganglion.Supervisor),
+      do: [],
+      else: [["application", "ganglion does not run; firmware() tells what happened"]]
+  end
+
   defp print_report(text) do
-    IO.puts("\nthe last firmware that was reverted:")
-    for line <- String.split(text, "\n", trim: true), do: IO.puts(Table.cut(line))
+    say("")
+    say("the last firmware that was reverted:")
+    for line <- String.split(text, "\n", trim: true), do: put(Table.wrap(line))
+  end
+
+  defp print_story([]), do: :ok
+
+  defp print_story(lines) do
+    say("")
+    say("what happened:")
+    for line <- lines, do: put(Table.wrap(line))
+  end
+
+  defp still(state) when state in [:disarmed, :error], do: :ok
+  defp still(state), do: {:refused, "a robot is #{state}: disarm it first"}
+
+  defp idle(false), do: :ok
+  defp idle(true), do: {:refused, "an update is being written"}
+
+  defp other(folder, %{"nerves_fw_uuid" => uuid} = other) do
+    version = other["nerves_fw_version"] || uuid
+
+    if Trial.refused?(folder, uuid),
+      do: {:refused, "the firmware #{version} in the other slot did not stay when it was tried"},
+      else: {:ok, version}
+  end
+
+  defp other(_folder, _nothing), do: {:refused, "there is no other firmware to go back to"}
+
+  defp robot_state(robot) do
+    if Process.whereis(robot), do: to_string(Safety.state(robot)), else: "not running"
   end
 
   defp sensors_up(rows), do: "#{Enum.count(rows, &(&1.state == :up))} of #{length(rows)} up"
 
-  defp words(status) when is_atom(status), do: to_string(status)
-  defp words({:error, reason}), do: "not known: #{inspect(reason)}"
+  defp status(status) when is_atom(status), do: to_string(status)
+  defp status({:error, reason}), do: "not known: #{Plain.words(reason)}"
 
   # Watching
 
@@ -257,11 +353,11 @@ defmodule Ganglion.Console do
   defp show_until(until) do
     receive do
       {:bb, path, message} ->
-        IO.puts(Table.cut("#{path(path)} #{inspect(message.payload, limit: 20)}"))
+        put(Table.wrap("#{path(path)} #{Reading.line(message.payload)}"))
         if until > System.monotonic_time(:millisecond), do: show_until(until)
 
       {:bb_missed, _path, count} ->
-        IO.puts("#{count} messages were missed: the terminal is too slow")
+        say("#{count} messages were missed: the terminal is too slow")
         show_until(until)
     after
       max(0, until - System.monotonic_time(:millisecond)) -> :ok
@@ -270,27 +366,31 @@ defmodule Ganglion.Console do
 
   # Printing
 
-  defp say(:ok, robot), do: IO.puts("#{inspect(robot)} is #{Safety.state(robot)}")
+  defp say(:ok, robot), do: say("#{inspect(robot)} is #{Safety.state(robot)}")
 
   defp say({:error, {:inhibited, inhibitions}}, _robot) do
     for {path, reason} <- inhibitions,
-        do: IO.puts(Table.cut("refused: #{path(path)} forbids arming (#{inspect(reason)})"))
+        do: say("refused: #{path(path)} forbids arming (#{inspect(reason)})")
   end
 
   defp say({:error, {:disarm_failed, failures}}, _robot) do
-    IO.puts("DISARMING FAILED: the hardware may not be safe")
-    for {path, error} <- failures, do: IO.puts(Table.cut("#{path(path)}: #{inspect(error)}"))
+    say("DISARMING FAILED: the hardware may not be safe")
+    for {path, error} <- failures, do: say("#{path(path)}: #{inspect(error)}")
   end
 
-  defp say({:error, reason}, robot),
-    do: IO.puts(Table.cut("refused, #{inspect(robot)}: #{reason}"))
+  defp say({:error, reason}, robot), do: say("refused, #{inspect(robot)}: #{reason}")
+
+  defp say(line), do: put(Table.cut(line) <> "\n")
+
+  # The one place that prints. Lines are plain already.
+  defp put(lines), do: IO.write(lines)
 
   defp table(header, fun) do
     safely(fn -> print(header, fun.()) end)
   end
 
-  defp print(_header, []), do: IO.puts("none")
-  defp print(header, rows), do: IO.write(Table.render(header, rows))
+  defp print(_header, []), do: say("none")
+  defp print(header, rows), do: put(Table.render(header, rows))
 
   defp safely(fun) do
     _ = fun.()
@@ -302,11 +402,14 @@ defmodule Ganglion.Console do
   end
 
   defp complain(text) do
-    IO.puts(Table.cut("that did not work: #{text}"))
+    say("that did not work: #{text}")
     hidden()
   end
 
-  defp hidden, do: :"do not show this result in output"
+  # What evaluates a line of IEx has this in its dictionary. What runs a command over ssh prints any result, and has not.
+  defp hidden do
+    if Process.get(:iex_server), do: :"do not show this result in output", else: :ok
+  end
 
   # A message of the day that raised would be the whole message of the day.
   defp quietly(fun) do
@@ -318,7 +421,4 @@ defmodule Ganglion.Console do
   end
 
   defp robot, do: Application.get_env(:ganglion, :robot) || Ganglion.Robot
-
-  defp guard_folder,
-    do: Keyword.get(Application.get_env(:ganglion, Guard, []), :folder, "/data/guard")
 end

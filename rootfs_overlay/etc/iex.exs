@@ -1,6 +1,11 @@
-# The console of the board. An error here would lock people out, so that nothing is used before it is known to be there.
+# The console of the board. An error here would lock people out, so that nothing is used before it is known to be there, and
+# whatever goes wrong is left out.
 
 use_if_available(Toolshed)
 import_if_available(Ganglion.Console)
 
-if Code.ensure_loaded?(NervesMOTD), do: apply(NervesMOTD, :print, [])
+try do
+  if Code.ensure_loaded?(NervesMOTD), do: apply(NervesMOTD, :print, [])
+catch
+  kind, _reason -> IO.puts("no message of the day (#{kind})")
+end

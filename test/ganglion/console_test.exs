@@ -6,6 +6,8 @@ defmodule Ganglion.ConsoleTest do
   import BB.Test.Robot
   import ExUnit.CaptureIO
 
+  alias BB.Firmware.Board.Memory
+  alias BB.Firmware.Trial
   alias BB.Message.Sensor.Range
   alias BB.Test.Probe
   alias Ganglion.Console
@@ -53,11 +55,12 @@ defmodule Ganglion.ConsoleTest do
     BB.Message.new!(Range, :range, fields)
   end
 
-  # What a function prints; every line of it fits a terminal.
+  # What a function prints; every line of it fits a terminal, and arrives over `ssh host '…'` too.
   defp shown(fun) do
-    text = capture_io(fn -> assert fun.() == :"do not show this result in output" end)
+    text = capture_io(fn -> assert fun.() == :ok end)
     for line <- String.split(text, "\n"), do: assert(String.length(line) <= 80, line)
     refute text =~ "that did not work"
+    assert for(<<char <- text>>, char not in 0x20..0x7E and char != ?\n, do: char) == [], text
     text
   end
 
@@ -82,7 +85,10 @@ defmodule Ganglion.ConsoleTest do
     text = shown(fn -> Console.watch([:sensor], seconds: 0.2, robot: robot) end)
     Process.unlink(publisher)
     Process.exit(publisher, :kill)
-    assert text =~ "sensor/base_link/range %BB.Message.Sensor.Range{"
+
+    assert text =~
+             ~r/sensor\/base_link\/range field_of_view 0.1, max_range 1.5, .*\s+radiation_type infrared, range 0.4/
+
     assert text =~ "watched for 0.2 s"
     assert BB.PubSub.subscribers(robot, [:sensor]) == []
   end
@@ -111,6 +117,69 @@ defmodule Ganglion.ConsoleTest do
     assert shown(fn -> Console.arm(robot) end) =~ "console/estop forbids arming"
     assert shown(fn -> Console.release(robot) end) == "#{name} is disarmed\n"
     assert shown(fn -> Console.arm(robot) end) == "#{name} is armed\n"
+  end
+
+  describe "revert" do
+    @describetag :tmp_dir
+
+    setup %{tmp_dir: folder} do
+      {:ok, memory} =
+        Memory.start_link(
+          status: :validated,
+          tell: self(),
+          firmware: %{"nerves_fw_uuid" => "new", "nerves_fw_version" => "2.0.0"},
+          other: %{"nerves_fw_uuid" => "old", "nerves_fw_version" => "1.0.0"}
+        )
+
+      Application.put_env(:ganglion, :board, {Memory, memory})
+      on_exit(fn -> Application.delete_env(:ganglion, :board) end)
+      %{memory: memory, board: {Memory, memory}, folder: folder}
+    end
+
+    test "starts the firmware before, and leaves its story", %{folder: folder} do
+      assert shown(fn -> Console.revert(folder) end) =~ "restarts with the firmware 1.0.0"
+      assert_receive {Memory, :revert}
+      text = shown(fn -> Console.firmware(:no_guard, folder) end)
+      assert text =~ ~r/other slot +1.0.0/
+      assert text =~ "by a person, on the console"
+      assert text =~ "nerves_fw_version 2.0.0"
+      assert text =~ ~r/what happened:\n.*is reverted\s+by a\s+person/
+    end
+
+    test "never starts firmware that did not stay when it was tried", context do
+      %{folder: folder, board: board} = context
+      old = start_firmware("old", :unvalidated)
+      assert :ok = Trial.begin(folder, old, "first")
+      assert :ok = Trial.begin(folder, board, "second")
+      assert_receive {Memory, :prevent_revert}, 30_000
+
+      assert Trial.refused?(folder, "old")
+      assert shown(fn -> Console.revert(folder) end) =~ "there is no other firmware"
+      # The slot may be as it was, where the board could not close it.
+      put_other(context.memory, %{"nerves_fw_uuid" => "old", "nerves_fw_version" => "1.0.0"})
+      assert shown(fn -> Console.revert(folder) end) =~ "refused: the firmware 1.0.0 in the other"
+      assert shown(fn -> Console.firmware(:no_guard, folder) end) =~ "1.0.0, which was refused"
+      refute_received {Memory, :revert}
+    end
+
+    test "is refused while a robot is armed", %{robot: robot, folder: folder} do
+      :ok = BB.Safety.arm(robot)
+      assert shown(fn -> Console.revert(folder) end) =~ "refused: a robot is armed"
+      refute_received {Memory, :revert}
+    end
+
+    test "says when the board does not", %{memory: memory, folder: folder} do
+      Memory.answer(memory, :revert, {:error, :enospc})
+      assert shown(fn -> Console.revert(folder) end) =~ "did not revert: no space left on device"
+    end
+
+    defp start_firmware(uuid, status) do
+      firmware = %{"nerves_fw_uuid" => uuid, "nerves_fw_version" => "1.0.0"}
+      {:ok, memory} = Memory.start_link(status: status, firmware: firmware)
+      {Memory, memory}
+    end
+
+    defp put_other(memory, other), do: Agent.update(memory, &%{&1 | other: other})
   end
 
   @tag :tmp_dir
@@ -143,6 +212,18 @@ defmodule Ganglion.ConsoleTest do
     assert shown(fn -> Console.i2c_scan("no-such-bus") end) =~ "cannot be opened: :bus_not_found"
   end
 
+  defmodule FullBus do
+    def open(_bus, _opts), do: {:error, {:errno, 28}}
+    def bus_names, do: ["full"]
+  end
+
+  test "an error of the kernel is told in words" do
+    before = Application.get_env(:ganglion, :i2c)
+    Application.put_env(:ganglion, :i2c, FullBus)
+    on_exit(fn -> Application.put_env(:ganglion, :i2c, before) end)
+    assert shown(fn -> Console.i2c_scan("full") end) =~ "no space left on device"
+  end
+
   test "nothing raises when the robot is not started, or what is asked for is nonsense" do
     for fun <- [
           &Console.sensors/1,
@@ -155,7 +236,7 @@ defmodule Ganglion.ConsoleTest do
           &Console.release/1
         ],
         robot <- [NoRobot, "no robot", nil] do
-      text = capture_io(fn -> assert fun.(robot) == :"do not show this result in output" end)
+      text = capture_io(fn -> assert fun.(robot) == :ok end)
       assert text =~ ~r/that did not work|refused|none|NoRobot is disarmed/
     end
 
@@ -166,10 +247,58 @@ defmodule Ganglion.ConsoleTest do
   test "the rows of the message of the day tell of the robot, also of one that is not started", %{
     robot: robot
   } do
-    assert [[{"Robot", "disarmed"}, {"Sensors", "1 of 2 up"}], [{"Firmware", "unknown"}]] =
+    assert [[{"Robot", "disarmed"}, {"Sensors", "1 of 2 up"}], [{"Guard", "not running"}]] =
              Console.motd_rows(robot)
 
-    assert [[_, {"Sensors", "not running"}], _] = Console.motd_rows(NoRobot)
+    assert [[{"Robot", "not running"}, {"Sensors", "not running"}], _] =
+             Console.motd_rows(NoRobot)
+  end
+
+  test "no row of the message of the day has the label of a row that Nerves has" do
+    labels = for row <- Console.motd_rows(), {label, _text} <- row, do: label
+    nerves = ["Serial", "Uptime", "Clock", "Firmware", "Applications", "Memory usage"]
+    nerves = nerves ++ ["Part usage", "Load average", "Temperature", "Hostname", "Platform"]
+    assert labels -- nerves == labels
+    for label <- labels, do: assert(String.length(label) <= 12)
+  end
+
+  test "IEx shows no result, and nothing but IEx is told so", %{robot: robot} do
+    assert capture_io(fn -> assert Console.sensors(robot) == :ok end) =~ "range"
+
+    capture_io(fn ->
+      Process.put(:iex_server, self())
+      assert Console.sensors(robot) == IEx.dont_display_result()
+    end)
+  end
+
+  test "watch shows the numbers of an inertial measurement unit", %{robot: robot} do
+    imu =
+      BB.Message.new!(BB.Message.Sensor.Imu, :imu,
+        orientation: BB.Math.Quaternion.identity(),
+        angular_velocity: BB.Math.Vec3.new(0.0125, 0.0, -1.5),
+        linear_acceleration: BB.Math.Vec3.new(0.0, 0.0, 9.81)
+      )
+
+    text = watched(robot, [:sensor, :base_link, :imu], imu)
+    assert text =~ "angular_velocity 0.0125 0.0 -1.5"
+    assert text =~ ~r/linear_acceleration\s+0.0\s+0.0\s+9.81/
+  end
+
+  # Published once it is watched.
+  defp watched(robot, path, message) do
+    test = self()
+
+    {:ok, publisher} =
+      Task.start_link(fn ->
+        eventually(fn -> BB.PubSub.subscribers(robot, path) != [] end)
+        BB.publish(robot, path, message)
+        send(test, :published)
+      end)
+
+    text = shown(fn -> Console.watch(path, seconds: 1, robot: robot) end)
+    assert_receive :published, 30_000
+    Process.unlink(publisher)
+    text
   end
 
   test "no name of the console's is one of IEx's helpers" do

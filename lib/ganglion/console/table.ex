@@ -1,14 +1,17 @@
 defmodule Ganglion.Console.Table do
   @moduledoc """
-  Plain tables for a terminal of 80 columns. Pure.
+  Plain tables for a terminal of 80 columns, in ASCII (`Ganglion.Console.Plain`). Pure.
 
       iex> Ganglion.Console.Table.render(["sensor", "Hz"], [[:imu, 100.04], [:camera, nil]])
       "sensor  Hz\\nimu     100.0\\ncamera  -\\n"
   """
 
+  alias Ganglion.Console.Plain
+
   @width 80
   @gap "  "
   @narrowest 4
+  @dots 3
 
   @type cell :: String.t() | atom() | number() | nil | [atom()]
 
@@ -24,12 +27,17 @@ defmodule Ganglion.Console.Table do
   A line that is not longer than the width.
 
       iex> Ganglion.Console.Table.cut("a\\nlong line", 7)
-      "a long…"
+      "a lo..."
   """
   @spec cut(String.t(), pos_integer()) :: String.t()
   def cut(text, width \\ @width) do
     text = plain(text)
-    if String.length(text) <= width, do: text, else: String.slice(text, 0, width - 1) <> "…"
+
+    cond do
+      String.length(text) <= width -> text
+      width > @dots * 2 -> String.slice(text, 0, width - @dots) <> "..."
+      true -> String.slice(text, 0, width)
+    end
   end
 
   @doc """
@@ -40,7 +48,7 @@ defmodule Ganglion.Console.Table do
   """
   @spec wrap(String.t(), pos_integer()) :: String.t()
   def wrap(text, width \\ @width) do
-    [first | rest] = text |> plain() |> String.split()
+    {first, rest} = text |> plain() |> String.split() |> List.pop_at(0, "")
     lines = Enum.reduce(rest, [first], &fill(&1, &2, width))
     lines |> Enum.reverse() |> Enum.map_join(&(cut(&1, width) <> "\n"))
   end
@@ -80,12 +88,7 @@ defmodule Ganglion.Console.Table do
   defp text(value) when is_float(value), do: :erlang.float_to_binary(value, decimals: 1)
   defp text(value), do: value |> inspect(limit: 50) |> plain()
 
-  # One line, of what a terminal can show.
-  defp plain(text) do
-    if String.valid?(text),
-      do: String.replace(text, ~r/[\p{Cc}\p{Cf}\p{Zl}\p{Zp}]+/u, " "),
-      else: inspect(text, limit: 50)
-  end
+  defp plain(text), do: Plain.line(text)
 
   defp natural(lines),
     do:
