@@ -223,7 +223,7 @@ defmodule BB.Firmware.Gate do
   end
 
   defp names(name) when is_atom(name) and name != nil,
-    do: {Module.concat(name, Lock), Module.concat(name, Holder)}
+    do: {Module.concat(name, "Lock"), Module.concat(name, "Holder")}
 
   defp names(_name), do: names(__MODULE__)
 

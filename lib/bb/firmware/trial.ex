@@ -145,7 +145,11 @@ defmodule BB.Firmware.Trial do
           into: %{},
           do: {name, value}
 
-    _ = report(folder, firmware, by, ["started #{marker.starts} times" | marker.notes])
+    _ =
+      report(folder, firmware, by, [
+        "starts of it that were seen: #{marker.starts}" | marker.notes
+      ])
+
     Story.tell(folder, "#{named(marker)} was reverted by #{by}")
   end
 

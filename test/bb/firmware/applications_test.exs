@@ -13,7 +13,7 @@ defmodule BB.Firmware.ApplicationsTest do
   alias BB.Firmware.Applications.Keeper
   alias BB.Firmware.Board.Memory
   alias BB.Firmware.{Story, Trial}
-  alias BB.Test.Shoehorn
+  alias BB.Test.{Killed, Shoehorn}
 
   @moduletag :tmp_dir
   @moduletag :capture_log
@@ -55,7 +55,7 @@ defmodule BB.Firmware.ApplicationsTest do
 
   defp keeper(folder, memory, apps, opts) do
     own = [board: {Memory, memory}, folder: folder, expected: apps, gate: :no_gate]
-    {:ok, keeper} = Keeper.start(@pauses ++ own ++ opts)
+    {:ok, keeper} = Keeper.start(opts ++ @pauses ++ own)
     on_exit(fn -> Process.exit(keeper, :kill) end)
     %{keeper: keeper, shoehorn: Shoehorn.start(Applications, keeper, apps)}
   end
@@ -213,9 +213,27 @@ defmodule BB.Firmware.ApplicationsTest do
     assert story?(folder, "the board restarts")
   end
 
+  @tag timeout: 300_000
+  test "the project's own application, killed in a VM of its own, runs again with its gate and robot",
+       %{folder: folder} do
+    {again, board, story} = Killed.in_vm(:kill_supervisor, [Path.join(folder, "vm"), 4])
+    assert again == [true, true, true]
+    assert board == :reboot
+    assert Enum.count(story, &(&1 =~ "the application ganglion runs again")) == 3
+    assert List.last(story) =~ "the board restarts (time 1)"
+  end
+
   describe "the handler" do
+    setup %{folder: folder} do
+      Application.put_env(:ganglion, Applications, folder: folder)
+
+      on_exit(fn ->
+        Application.delete_env(:ganglion, Applications)
+        if pid = Process.whereis(Keeper), do: Process.exit(pid, :kill)
+      end)
+    end
+
     test "is one as shoehorn calls it, and never asks to halt" do
-      on_exit(fn -> (pid = Process.whereis(Keeper)) && Process.exit(pid, :kill) end)
       assert {:ok, state} = Applications.init(init: [:nerves_runtime], handler: Applications)
       assert Process.whereis(Keeper)
       assert {:continue, ^state} = Applications.application_started(:some_app, state)
@@ -223,13 +241,13 @@ defmodule BB.Firmware.ApplicationsTest do
     end
 
     test "starts its keeper again when that was killed" do
-      on_exit(fn -> (pid = Process.whereis(Keeper)) && Process.exit(pid, :kill) end)
       {:ok, state} = Applications.init([])
       keeper = Process.whereis(Keeper)
       ref = Process.monitor(keeper)
       Process.exit(keeper, :kill)
       assert_receive {:DOWN, ^ref, :process, ^keeper, _}, 30_000
       assert {:continue, ^state} = Applications.application_exited(:some_app, :stopped, state)
+      _ = :sys.get_state(Keeper)
       assert Process.whereis(Keeper) not in [nil, keeper]
     end
 

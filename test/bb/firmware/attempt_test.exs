@@ -5,7 +5,9 @@ defmodule BB.Firmware.AttemptTest do
 
   alias BB.Firmware.Attempt
 
-  @quick [attempts: 2, pause_ms: 0, limit_ms: 50]
+  # What does not hang has all the time that a busy machine needs.
+  @quick [attempts: 2, pause_ms: 0, limit_ms: 30_000]
+  @limit_ms %{"never returns": 1_000}
 
   @wrong [
     raises: quote(do: raise("no card")),
@@ -25,7 +27,8 @@ defmodule BB.Firmware.AttemptTest do
         unquote(code)
       end
 
-      log = capture_log(fn -> assert Attempt.run("the step", fun, @quick) == :error end)
+      opts = Keyword.put(@quick, :limit_ms, Map.get(@limit_ms, unquote(what), 30_000))
+      log = capture_log(fn -> assert Attempt.run("the step", fun, opts) == :error end)
       assert_received :tried
       assert_received :tried
       refute_received _nothing_else

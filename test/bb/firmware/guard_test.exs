@@ -7,6 +7,7 @@ defmodule BB.Firmware.GuardTest do
   alias BB.Firmware.Board.Memory
   alias BB.Firmware.Guard
   alias BB.Firmware.Guard.{Heart, Report}
+  alias BB.Firmware.Trial
   alias BB.Message.Sensor.Range
   alias BB.Test.{Native, Network, Probe}
 
@@ -90,7 +91,12 @@ defmodule BB.Firmware.GuardTest do
   end
 
   defp guard(context, robot, opts \\ []) do
-    {:ok, memory} = Memory.start_link(status: opts[:status] || :unvalidated, tell: self())
+    {:ok, memory} =
+      Memory.start_link(
+        status: opts[:status] || :unvalidated,
+        tell: self(),
+        firmware: if(opts[:uuid], do: %{"nerves_fw_uuid" => opts[:uuid]}, else: %{})
+      )
 
     topic = Native.topic("guard")
 
@@ -108,7 +114,7 @@ defmodule BB.Firmware.GuardTest do
       started_ms: System.monotonic_time(:millisecond)
     ]
 
-    opts = Keyword.drop(opts, [:status, :state])
+    opts = Keyword.drop(opts, [:status, :state, :uuid])
     {start_supervised!({Guard, Keyword.merge(defaults, opts)}), memory}
   end
 
@@ -326,6 +332,71 @@ defmodule BB.Firmware.GuardTest do
       assert Memory.heart(memory) == nil
       refute_received {Memory, _}
     end
+  end
+
+  describe "on a board that knows no such state, with an update that came in through the gate," do
+    for status <- [:unknown, :validated] do
+      test "firmware that works stays, though the board says #{status} of all", context do
+        updated(context.tmp_dir, unquote(status))
+        robot = declared()
+        beating(robot, :range, [:base_link, :range])
+        start_supervised!(robot)
+        {guard, _} = guard(context, robot, status: unquote(status), uuid: "new")
+        assert_receive {Memory, {:clear_heart, _}}, 30_000
+        # Of such a board this would be said for ever.
+        refute_received {Memory, :validate}
+        assert {:ok, %{phase: :validated}} = Guard.state(guard)
+        refute File.exists?(Path.join(context.tmp_dir, "trial.txt"))
+      end
+
+      test "firmware that does not work is reverted, though the board says #{status} of all",
+           context do
+        updated(context.tmp_dir, unquote(status))
+        guard(context, quiet(), hopeless(status: unquote(status), uuid: "new"))
+        assert_receive {Memory, {:set_heart, _}}, 30_000
+        assert_receive {Memory, :revert}, 30_000
+        assert Report.read(context.tmp_dir, :reverted) =~ "required: sensor range: was never good"
+      end
+    end
+
+    # The firmware before lets the update in, and the board restarts with it.
+    defp updated(folder, status) do
+      {:ok, old} = Memory.start_link(status: status, firmware: %{"nerves_fw_uuid" => "old"})
+      :ok = Trial.accepted(folder, {Memory, old}, "the start before")
+      :ok = Trial.written(folder)
+    end
+  end
+
+  test "what the guard waits for is in the marker while it waits, and its verdict after",
+       context do
+    robot = quiet()
+    guard(context, robot, uuid: "new")
+    marker = Path.join(context.tmp_dir, "trial.txt")
+    waits = "required: sensor range: was never good"
+
+    eventually(
+      fn -> match?({:ok, _}, File.read(marker)) and File.read!(marker) =~ waits end,
+      30_000
+    )
+
+    # Heart restarts the board: the firmware before starts, and tells.
+    {:ok, old} = Memory.start_link(status: :validated, firmware: %{"nerves_fw_uuid" => "old"})
+    :ok = Trial.begin(context.tmp_dir, {Memory, old}, "the next start")
+    report = Report.read(context.tmp_dir, :reverted)
+    assert report =~ "by the board: a power cut, its watchdog or its heart"
+    assert report =~ "note: " <> waits
+  end
+
+  test "a revert by the guard is told as one by the guard, also by the firmware after it",
+       context do
+    {_, _} = guard(context, quiet(), hopeless(uuid: "new"))
+    assert_receive {Memory, :revert}, 30_000
+    report = Report.read(context.tmp_dir, :reverted)
+    assert report =~ "by its guard"
+    {:ok, old} = Memory.start_link(status: :validated, firmware: %{"nerves_fw_uuid" => "old"})
+    :ok = Trial.begin(context.tmp_dir, {Memory, old}, "the next start")
+    assert Report.read(context.tmp_dir, :reverted) == report
+    assert Trial.refused?(context.tmp_dir, "new")
   end
 
   test "a guard that was killed decides by the same deadline, with the same heart callback",

@@ -1,7 +1,8 @@
 defmodule BB.Firmware.ImageTest do
   @moduledoc "What the configuration of boards says, as far as the host can hold it to that."
 
-  use ExUnit.Case, async: true
+  # Robots of other tests must not be armed while an update is let in here.
+  use ExUnit.Case, async: false
 
   alias BB.Test.Keys
 
@@ -51,6 +52,36 @@ defmodule BB.Firmware.ImageTest do
       assert [:nerves_runtime | _] = config[:shoehorn][:init]
     end
 
+    test "starts applications again that end, by a handler that is one of shoehorn's", %{
+      config: config
+    } do
+      handler = config[:shoehorn][:handler]
+      assert Code.ensure_loaded?(handler)
+
+      for {name, arity} <- [init: 1, application_started: 2, application_exited: 3],
+          do: assert(function_exported?(handler, name, arity))
+    end
+
+    test "keeps what was typed, and has heart wait for the guard" do
+      text = File.read!("rel/vm.args.eex")
+      assert text =~ ~r/^-kernel shell_history enabled$/m
+      assert text =~ ~r/^-env HEART_INIT_TIMEOUT 600$/m
+      [vm, _extra] = String.split(text, "-extra")
+      assert vm =~ "shell_history"
+    end
+
+    test "is built of packages that are used" do
+      files = ~w(config/target.exs rootfs_overlay/etc/iex.exs) ++ Path.wildcard("lib/**/*.ex")
+      named = Enum.map_join(files, &letters(File.read!(&1)))
+
+      for [_, name] <- Regex.scan(~r/^      {:(\w+), "~>/m, File.read!("mix.exs")),
+          not String.starts_with?(name, "nerves_system_"),
+          do: assert(named =~ letters(name), "nothing but mix.exs names #{name}")
+    end
+
+    # Circuits.I2C is circuits_i2c.
+    defp letters(text), do: text |> String.downcase() |> String.replace(["_", "."], "")
+
     test "keeps nobody's login key that is not in its image", %{config: config} do
       refute String.starts_with?(config[:nerves_ssh][:user_dir], "/data")
     end
@@ -62,12 +93,22 @@ defmodule BB.Firmware.ImageTest do
       {host, _} = Keys.pair()
       options = [key_cb: {Keys, host: host, authorized: [public]}, shell: shell()]
 
+      options = [exec: {:direct, &__MODULE__.run/1}] ++ options
+
       {:ok, daemon} =
         :ssh.daemon({127, 0, 0, 1}, 0, options ++ config[:nerves_ssh][:daemon_option_overrides])
 
       on_exit(fn -> :ssh.stop_daemon(daemon) end)
       {:ok, info} = :ssh.daemon_info(daemon)
       %{port: info[:port], user: user}
+    end
+
+    # As nerves_ssh runs a command.
+    def run(command) do
+      {result, _bindings} = Code.eval_string(command)
+      {:ok, inspect(result)}
+    catch
+      kind, value -> {:error, Exception.format(kind, value, __STACKTRACE__)}
     end
 
     # As nerves_ssh starts it, which depends on Elixir's version.
@@ -101,6 +142,127 @@ defmodule BB.Firmware.ImageTest do
       :ssh.close(connection)
     end
 
+    test "runs commands, of which all that they print arrives", %{port: port, user: user} do
+      robot = loud_robot()
+      start_supervised!(robot)
+      {:ok, connection} = connect(port, user)
+
+      for {command, words} <- commands(robot) do
+        text = command(connection, command)
+        assert text =~ words, "#{command} printed: #{text}"
+        refute text =~ "do not show"
+        refute text =~ "that did not work"
+        assert for(<<char <- text>>, char > 0x7E, do: char) == [], text
+      end
+
+      :ssh.close(connection)
+    end
+
+    test "runs commands that fail, and says so", %{port: port, user: user} do
+      {:ok, connection} = connect(port, user)
+
+      for command <- [
+            ~s|Ganglion.Console.sensors(:"robot…日本")|,
+            ~s|Ganglion.Console.watch("…")|,
+            ~s|Ganglion.Console.i2c_scan("…")|
+          ] do
+        assert command(connection, command) =~ ~r/that did not work|cannot be opened/
+      end
+
+      :ssh.close(connection)
+    end
+
+    # Each function of the console, with what it must print for that robot.
+    defp commands(robot) do
+      console = "Ganglion.Console."
+      name = inspect(robot)
+
+      covered = [
+        sensors: {"(#{name})", "loud"},
+        health: {"(#{name})", "too hot: 90 degC, +-5 %"},
+        topics: {"(#{name})", "sensor/base_link/"},
+        ring: {"()", ~r/topic|none/},
+        params: {"([], #{name})", "naive"},
+        watch: {"([:sensor], seconds: 0.2, robot: #{name})", "watched for 0.2 s"},
+        firmware: {"(:no_guard)", "is not running"},
+        arm: {"(#{name})", "is armed"},
+        disarm: {"(#{name})", "is disarmed"},
+        estop: {"(#{name})", "arming is forbidden"},
+        release: {"(#{name})", "is disarmed"},
+        revert: {"()", "there is no other firmware"},
+        i2c_scan: {"()", ~r/bus|none/},
+        motd_rows: {"(#{name})", "Robot"}
+      ]
+
+      names = for {name, _arity} <- Ganglion.Console.__info__(:functions), uniq: true, do: name
+      assert Enum.sort(Keyword.keys(covered)) == Enum.sort(names)
+      for {function, {args, words}} <- covered, do: {"#{console}#{function}#{args}", words}
+    end
+
+    # A robot whose names, values and errors have characters of all kinds.
+    defp loud_robot do
+      robot =
+        BB.Test.Robot.create(
+          quote do
+            parameters do
+              param :mode, type: :string, default: "naïve – µ²…"
+            end
+
+            topology do
+              link :base_link do
+                sensor :loud, BB.Test.Probe
+                sensor :"größe…", BB.Test.Probe
+              end
+            end
+          end
+        )
+
+      BB.Test.Probe.script(robot, :loud,
+        init: fn _ -> {:stop, {:shutdown, "too hot: 90 °C, ±5 %…日本"}} end
+      )
+
+      BB.Test.Probe.script(robot, :"größe…",
+        init: fn opts ->
+          BB.publish(robot, [:sensor, :base_link, :"größe…"], reading())
+          {:ok, opts}
+        end
+      )
+
+      robot
+    end
+
+    defp reading do
+      BB.Message.new!(BB.Message.Sensor.Range, :range,
+        radiation_type: :infrared,
+        field_of_view: 0.1,
+        min_range: 0.02,
+        max_range: 1.5,
+        range: 0.4
+      )
+    end
+
+    # What the client sees of it, to the end.
+    defp command(connection, command) do
+      {:ok, channel} = :ssh_connection.session_channel(connection, 10_000)
+      :success = :ssh_connection.exec(connection, channel, command, 30_000)
+      read_all(connection, channel, "")
+    end
+
+    defp read_all(connection, channel, read) do
+      receive do
+        {:ssh_cm, ^connection, {:data, ^channel, _type, data}} ->
+          read_all(connection, channel, read <> data)
+
+        {:ssh_cm, ^connection, {:closed, ^channel}} ->
+          read
+
+        {:ssh_cm, ^connection, _other} ->
+          read_all(connection, channel, read)
+      after
+        30_000 -> flunk("the command did not end; it printed: #{read}")
+      end
+    end
+
     test "fails without a key, with a wrong one, and with a password", %{port: port} do
       {stranger, _} = Keys.pair()
       assert {:error, _} = connect(port, nil)
@@ -131,6 +293,52 @@ defmodule BB.Firmware.ImageTest do
     end
 
     defp run(script, args), do: System.cmd(Path.expand(script), args, stderr_to_stdout: true)
+
+    @describetag :tmp_dir
+
+    # An ssh that says what fwup says, and ends with a status as ssh does.
+    defp upload(root, said, status) do
+      File.write!(Path.join(root, "said"), said)
+      ssh = Path.join(root, "ssh")
+
+      File.write!(ssh, """
+      #!/bin/sh
+      echo "$@" > "#{root}/arguments"
+      cat > "#{root}/sent"
+      cat "#{root}/said"
+      exit #{status}
+      """)
+
+      File.chmod!(ssh, 0o755)
+      image = Path.join(root, "app.fw")
+      File.write!(image, "the image")
+      path = root <> ":" <> System.get_env("PATH")
+
+      System.cmd(Path.expand("firmware/scripts/upload"), [image, "ada.local"],
+        env: [{"PATH", path}],
+        stderr_to_stdout: true
+      )
+    end
+
+    @progress "\r 50% [======      ]\r100% [============]"
+
+    test "that uploads passes on what the board has said", %{tmp_dir: root} do
+      success = @progress <> "\nSuccess!\nElapsed time: 2.1 s\n"
+
+      # The board restarts, and takes the connection with it.
+      for status <- [0, 255], do: assert({^success, 0} = upload(root, success, status))
+      assert File.read!(Path.join(root, "sent")) == "the image"
+      assert File.read!(Path.join(root, "arguments")) == "-s ada.local fwup\n"
+
+      refused = "Error: the robot is armed: disarm it first\n"
+      assert {^refused, 1} = upload(root, refused, 1)
+
+      for said <- ["", @progress, @progress <> "\nno Success! today\n"],
+          do: assert({^said, 255} = upload(root, said, 255))
+
+      # A failure stays one, whatever was said before.
+      assert {_, 1} = upload(root, success, 1)
+    end
   end
 
   describe "with the real fwup," do
@@ -152,6 +360,9 @@ defmodule BB.Firmware.ImageTest do
         include("${NERVES_PROVISIONING}")
       }
       on-resource payload { raw_write(64) }
+    }
+    task upgrade {
+      on-resource payload { raw_write(128) }
     }
     """
 
@@ -194,6 +405,36 @@ defmodule BB.Firmware.ImageTest do
       File.rename!(public <> ".first", public)
       assert {text, 1} = checked(root, "other.fw")
       assert text =~ "signature"
+    end
+
+    test "what fwup says last, as the board starts it, is what an upload takes for success", %{
+      tmp_dir: root
+    } do
+      written = "fwup --exit-handshake -a --no-unmount -d card.img -t complete < app.fw"
+      {said, _status} = in_folder(root, "sh", ["-c", written])
+      [said, _handshake] = String.split(said, <<0x1A>>, parts: 2)
+      assert said |> String.split(["\r", "\n"]) |> Enum.member?("Success!")
+    end
+
+    test "an update is taken by the options of the gate, once, and only signed", context do
+      root = context.tmp_dir
+      assert {_, 0} = in_folder(root, "firmware/scripts/keys", [])
+      assert {_, 0} = in_folder(root, "firmware/scripts/sign", ["app.fw"])
+      assert {_, 0} = in_folder(root, "firmware/scripts/burn", ["app.fw", "card.img"])
+      gate = :"gate_#{System.unique_integer([:positive])}"
+      key = Path.join(root, "rootfs_overlay/etc/ganglion/firmware.pub")
+      opts = [public_key: key, folder: Path.join(root, "guard"), settle_ms: 0]
+
+      assert {:ok, [fwup_extra_options: options]} = BB.Firmware.Gate.precheck(gate, opts)
+      update = ~w(-a -q -t upgrade -d card.img -i)
+      assert {_, 0} = in_folder(root, "fwup", update ++ ["app.signed.fw" | options])
+      assert {text, 1} = in_folder(root, "fwup", update ++ ["app.fw" | options])
+      assert text =~ "Expecting signed firmware"
+
+      File.rm!(key)
+      opts = Keyword.put(opts, :folder, Path.join(root, "other"))
+      assert {:error, text} = BB.Firmware.Gate.precheck(:another_gate, opts)
+      assert text =~ "is missing"
     end
 
     test "a card is told what the environment says, beside what its system writes", %{

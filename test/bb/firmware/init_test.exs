@@ -8,7 +8,9 @@ defmodule BB.Firmware.InitTest do
 
   @moduletag :tmp_dir
 
-  @quick [attempts: 2, pause_ms: 0, limit_ms: 50]
+  # What does not hang has all the time that a busy machine needs.
+  @quick [attempts: 2, pause_ms: 0, limit_ms: 30_000]
+  @limit_ms %{hang: 1_000}
 
   # A board of which nothing can be asked: the handle says how it goes wrong.
   defmodule Wild do
@@ -35,7 +37,7 @@ defmodule BB.Firmware.InitTest do
         folder: folder,
         keys: folder,
         mount: fn -> send(test, :mounted) && Wild.wrong(unquote(how), []) end,
-        attempt: @quick
+        attempt: [attempts: 1, pause_ms: 0, limit_ms: limit_ms(unquote(how))]
       ]
 
       capture_log(fn ->
@@ -44,13 +46,15 @@ defmodule BB.Firmware.InitTest do
         assert Provisioning.start_link(
                  board: {Wild, unquote(how)},
                  network: {Wild, unquote(how)},
-                 limit_ms: 50
+                 limit_ms: limit_ms(unquote(how))
                ) == :ignore
       end)
 
       assert_received :mounted
     end
   end
+
+  defp limit_ms(how), do: Map.get(@limit_ms, how, 30_000)
 
   test "what goes wrong is left out, and the rest is done", %{tmp_dir: folder} do
     file = Path.join(folder, "ssh_host_ed25519_key")
