@@ -10,7 +10,7 @@ defmodule Ganglion.Console do
   | `topics()` | every source on the pubsub |
   | `ring()` | every topic in shared memory |
   | `params()` | the parameters and their values |
-  | `firmware()` | what runs here, whether it stays, why the one before did not, and what happened to the board |
+  | `firmware()` | what runs here, whether it stays, what happened to it and the board |
   | `i2c_scan()` | which addresses answer on the I2C buses |
 
   | act | |
@@ -19,12 +19,13 @@ defmodule Ganglion.Console do
   | `estop()`, `release()` | make it safe and keep it so, until released |
   | `revert()` | start the firmware before this one, unless it was refused |
 
-  The parentheses belong to them: without, Elixir takes the word for a variable. What is about a robot takes one as its last
-  argument; without one it is that of the configuration (`config :ganglion, :robot`), or `Ganglion.Robot`.
-  They print, fit 80 columns, return nothing of interest, and never raise: what goes wrong is a line that says so.
+  The parentheses belong to them: without, Elixir takes the word for a variable. What is about a
+  robot takes one as its last argument; without one it is that of the configuration (`config
+  :ganglion, :robot`), or `Ganglion.Robot`. They print, fit 80 columns, return nothing of
+  interest, and never raise: what goes wrong is a line that says so.
 
-  What they print is ASCII, whatever it tells of: a command over ssh (`ssh host 'Ganglion.Console.sensors()'`) drops each write
-  with a character that Latin-1 does not have.
+  What they print is ASCII, whatever it tells of: a command over ssh (`ssh host
+  'Ganglion.Console.sensors()'`) drops each write with a character that Latin-1 does not have.
   """
 
   alias BB.Bus.I2C
@@ -119,8 +120,8 @@ defmodule Ganglion.Console do
   end
 
   @doc """
-  What firmware runs, whether it stays, what its guard waits for, why the last one that was reverted was, and what happened to the
-  board of late.
+  What firmware runs, whether it stays, what its guard waits for, why the last one that was
+  reverted was, and what happened to the board of late.
   """
   @spec firmware(GenServer.server(), Path.t()) :: printed()
   def firmware(guard \\ Guard, folder \\ Story.folder()) do
@@ -140,10 +141,12 @@ defmodule Ganglion.Console do
   end
 
   @doc """
-  Restarts the board with the firmware before this one, the one in the other slot. In the place of `Nerves.Runtime.revert/1`.
+  Restarts the board with the firmware before this one, the one in the other slot. In the place of
+  `Nerves.Runtime.revert/1`.
 
-  Refused while a robot is armed or an update is written, where there is no other firmware, and for firmware that was on trial once
-  and did not stay: it would run without a trial. What is left then is an update.
+  Refused while a robot is armed or an update is written, where there is no other firmware, and
+  for firmware that was on trial once and did not stay: it would run without a trial. What is left
+  then is an update.
   """
   @spec revert(Path.t()) :: printed()
   def revert(folder \\ Story.folder()) do
@@ -406,7 +409,8 @@ defmodule Ganglion.Console do
     hidden()
   end
 
-  # What evaluates a line of IEx has this in its dictionary. What runs a command over ssh prints any result, and has not.
+  # What evaluates a line of IEx has this in its dictionary. What runs a command over ssh prints
+  # any result, and has not.
   defp hidden do
     if Process.get(:iex_server), do: :"do not show this result in output", else: :ok
   end

@@ -1,7 +1,7 @@
 defmodule BB.Test.Killed do
   @moduledoc """
-  A VM of its own in which the project's application is killed, as a board's shoehorn would see it (`BB.Test.Shoehorn`): what ends with
-  it are the robots of everybody.
+  A VM of its own in which the project's application is killed, as a board's shoehorn would see it
+  (`BB.Test.Shoehorn`): what ends with it are the robots of everybody.
   """
 
   import BB.Test.Eventually
@@ -23,8 +23,8 @@ defmodule BB.Test.Killed do
   end
 
   @doc """
-  Kills the application's supervisor, again and again. Returns what was seen: for each kill but the last whether the application and its
-  gate ran again, then what the board was asked for.
+  Kills the application's supervisor, again and again. Returns what was seen: for each kill but
+  the last whether the application and its gate ran again, then what the board was asked for.
   """
   def kill_supervisor(folder, kills) do
     be_quiet()
@@ -76,7 +76,8 @@ defmodule BB.Test.Killed do
     )
   end
 
-  # The output is this VM's connection. What shoehorn hears it hears before any handler of the logger's.
+  # The output is this VM's connection. What shoehorn hears it hears before any handler of the
+  # logger's.
   defp be_quiet do
     _ = Application.load(:logger)
     Application.put_env(:logger, :backends, [])

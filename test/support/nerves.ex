@@ -1,14 +1,16 @@
 defmodule BB.Test.Nerves do
   @moduledoc """
-  Plays what a board's module asks of `Nerves.Runtime`: modules of those names, whose processes behave as Nerves' do where that has cost a boot.
+  Plays what a board's module asks of `Nerves.Runtime`: modules of those names, whose processes
+  behave as Nerves' do where that has cost a boot.
 
     * `FwupOps` is asked with a time-out of a second (here: 500 ms), and exits only its caller
     * `KV` asks `FwupOps` at its first use, in its own process, which ends when that is late
 
-  `start/1` gives how long each run of `fwup` takes, in milliseconds: a list, of which the last counts for all that follow.
+  `start/1` gives how long each run of `fwup` takes, in milliseconds: a list, of which the last
+  counts for all that follow.
   """
 
-  @doc "Makes the modules and starts their processes below the calling test. Returns nothing of interest."
+  @doc "Makes the modules, and starts their processes below the calling test."
   def start(runs_ms) do
     for {name, body} <- modules(),
         do: {:module, ^name, _, _} = Module.create(name, body, Macro.Env.location(__ENV__))

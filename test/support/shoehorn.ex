@@ -1,14 +1,14 @@
 defmodule BB.Test.Shoehorn do
   @moduledoc """
-  Plays shoehorn on the host: a filter of the logger's hears which applications start and end, as shoehorn's own does, and a process
-  tells a handler of it.
+  Plays shoehorn on the host: a filter of the logger's hears which applications start and end, as
+  shoehorn's own does, and a process tells a handler of it.
 
       handler = BB.Test.Shoehorn.start(BB.Firmware.Applications, state, [:my_app])
   """
 
   use GenServer
 
-  @doc "Tells `module` of those applications, with that state of a handler's, until the calling process ends."
+  @doc "Tells `module` of those applications, with a handler's state, until its caller ends."
   def start(module, state, apps) do
     {:ok, pid} = GenServer.start_link(__MODULE__, {module, state, apps})
     pid

@@ -1,13 +1,15 @@
 defmodule BB.Firmware.Applications do
   @moduledoc """
-  Starts an application of a board again when it ends, and restarts the board when that does not help.
+  Starts an application of a board again when it ends, and restarts the board when that does not
+  help.
 
       config :shoehorn, handler: BB.Firmware.Applications
 
-  Nerves' shoehorn starts all applications as temporary: one that ends stays ended, and the board runs on without it. Shoehorn tells
-  this module of each end, as it tells any `Shoehorn.Handler`; what follows decides
-  `BB.Firmware.Applications.Decision`, and does `BB.Firmware.Applications.Keeper`, a process outside all applications. An
-  application that did not start is one that has ended, and one whose dependency has ended before it could start is
+  Nerves' shoehorn starts all applications as temporary: one that ends stays ended, and the board
+  runs on without it. Shoehorn tells this module of each end, as it tells any `Shoehorn.Handler`;
+  what follows decides `BB.Firmware.Applications.Decision`, and does
+  `BB.Firmware.Applications.Keeper`, a process outside all applications. An application that did
+  not start is one that has ended, and one whose dependency has ended before it could start is
   started with it.
 
   What happened is told in the board's story (`BB.Firmware.Story`), which the console shows.
@@ -35,7 +37,8 @@ defmodule BB.Firmware.Applications do
   @spec application_exited(atom(), term(), GenServer.server()) :: {:continue, GenServer.server()}
   def application_exited(app, reason, keeper), do: tell({:ended, app, reason}, keeper)
 
-  # It never asks to halt: that is no orderly end, and this module's limit of time is not shoehorn's.
+  # It never asks to halt: that is no orderly end, and this module's limit of time is not
+  # shoehorn's.
   defp tell(event, keeper) do
     if keeper == Keeper, do: keeper()
     Keeper.tell(keeper, event)

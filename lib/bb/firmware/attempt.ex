@@ -2,8 +2,9 @@ defmodule BB.Firmware.Attempt do
   @moduledoc """
   Does what may raise, exit or never return, in a start that has to go on without it.
 
-  What comes before ssh in a board's start must not end it: a board that nobody can reach takes no update either. So each such
-  step runs in a process of its own, for a limited time, is tried again, and is given up in the end with a line in the log.
+  What comes before ssh in a board's start must not end it: a board that nobody can reach takes no
+  update either. So each such step runs in a process of its own, for a limited time, is tried
+  again, and is given up in the end with a line in the log.
   """
 
   require Logger
@@ -13,9 +14,11 @@ defmodule BB.Firmware.Attempt do
   @pause_ms 2_000
 
   @doc """
-  Calls `fun`, and returns `{:ok, result}`, or `:error` when it raised, threw, exited or did not return in time, each time.
+  Calls `fun`, and returns `{:ok, result}`, or `:error` when it raised, threw, exited or did not
+  return in time, each time.
 
-  Options: `attempts:` (#{@attempts}), `limit_ms:` for each of them (#{@limit_ms}), `pause_ms:` between two (#{@pause_ms}).
+  Options: `attempts:` (#{@attempts}), `limit_ms:` for each of them (#{@limit_ms}), `pause_ms:`
+  between two (#{@pause_ms}).
   """
   @spec run(String.t(), (() -> result), keyword()) :: {:ok, result} | :error when result: term()
   def run(what, fun, opts \\ []) do

@@ -18,8 +18,8 @@ defmodule BB.Firmware.Board do
   @type t :: {module(), handle :: term()}
 
   @doc """
-  Waits until the board can be asked the rest. Its store is behind programs that are slow at first, and that time is spent
-  here, where nothing depends on an answer in time.
+  Waits until the board can be asked the rest. Its store is behind programs that are slow at
+  first, and that time is spent here, where nothing depends on an answer in time.
   """
   @callback ready(handle :: term()) :: :ok | {:error, term()}
 
@@ -32,7 +32,7 @@ defmodule BB.Firmware.Board do
   @doc "Restarts the board with the firmware before this one. It may never return."
   @callback revert(handle :: term()) :: :ok | {:error, term()}
 
-  @doc "Closes the way back: what is in the other slot cannot be started any more, by whoever asks."
+  @doc "Closes the way back: nobody can start what is in the other slot any more."
   @callback prevent_revert(handle :: term()) :: :ok | {:error, term()}
 
   @doc "Restarts the board. It may never return."

@@ -17,8 +17,8 @@ defmodule BB.Firmware.Gate do
       type: :non_neg_integer,
       default: 3_000,
       doc:
-        "How long after an upload the next one waits, in milliseconds: within this time the board is told " <>
-          "whether anything was written."
+        "How long after an upload the next one waits, in milliseconds: within this time the " <>
+          "board is told whether anything was written."
     ]
   ]
 
@@ -42,8 +42,8 @@ defmodule BB.Firmware.Gate do
     * another update is written, or one was and the board is about to restart: the two would write to the same place,
     * the public key is missing: without a key `fwup` takes any image, signed or not.
 
-  While an update is written no robot can be armed (`BB.Safety.inhibit/3` at `[:firmware, :update]`). After it was written, the
-  robots are disarmed and the board restarted.
+  While an update is written no robot can be armed (`BB.Safety.inhibit/3` at `[:firmware,
+  :update]`). After it was written, the robots are disarmed and the board restarted.
 
       config :ssh_subsystem_fwup,
         precheck_callback: {BB.Firmware.Gate, :precheck, []},
@@ -51,10 +51,12 @@ defmodule BB.Firmware.Gate do
 
   ## Without the gate
 
-  `precheck/2` decides in the process that uploads. The gate's process knows the robot and the options, no more: on a board whose
-  application does not run, an update is what repairs it, so it is let in by the same rules, with the options of the
-  configuration (`config :ganglion, BB.Firmware.Gate`). What no application holds is held elsewhere: who uploads, by a process
-  of its own (`BB.Firmware.Gate.Holder`); what is armed, by the tables of `BB.Safety`, without which nothing is.
+  `precheck/2` decides in the process that uploads. The gate's process knows the robot and the
+  options, no more: on a board whose application does not run, an update is what repairs it, so it
+  is let in by the same rules, with the options of the configuration (`config :ganglion,
+  BB.Firmware.Gate`). What no application holds is held elsewhere: who uploads, by a process of
+  its own (`BB.Firmware.Gate.Holder`); what is armed, by the tables of `BB.Safety`, without which
+  nothing is.
 
   ## Options
 
@@ -102,7 +104,8 @@ defmodule BB.Firmware.Gate do
   end
 
   @doc """
-  Called when an update was written: disarms the robots and restarts the board, also when the gate itself is gone.
+  Called when an update was written: disarms the robots and restarts the board, also when the gate
+  itself is gone.
   """
   @spec written(GenServer.server(), keyword()) :: :ok | {:error, term()}
   def written(gate \\ __MODULE__, opts \\ configured()) do
@@ -124,7 +127,10 @@ defmodule BB.Firmware.Gate do
     kind, reason -> Logger.error("before the restart: #{inspect({kind, reason})}")
   end
 
-  @doc "Whether somebody writes an update, or has written one: then the board is not to be restarted for anything else."
+  @doc """
+  Whether somebody writes an update, or has written one: then the board is not to be restarted for
+  anything else.
+  """
   @spec busy?(GenServer.server()) :: boolean()
   def busy?(gate \\ __MODULE__), do: Holder.lock(names(gate)) != :free
 

@@ -55,9 +55,11 @@ defmodule BB.Firmware.Guard do
   Otherwise, at the deadline, the reasons are written to a report (`BB.Firmware.Guard.Report`) and the board reverts. Sensors that are
   not required may be absent: the report and the log tell of them, no more.
 
-  Nothing happens to firmware that is validated already. On a board that knows no such state (x86_64) an update that came in
-  through the gate is on trial too, by a marker (`BB.Firmware.Trial`): the guard reverts it, and nothing else does. The marker
-  gets what the guard waits for as well, so that there is a reason also where the guard has not come as far as to revert.
+  Nothing happens to firmware that is validated already. On a board that knows no such state
+  (x86_64) an update that came in through the gate is on trial too, by a marker
+  (`BB.Firmware.Trial`): the guard reverts it, and nothing else does. The marker gets what the
+  guard waits for as well, so that there is a reason also where the guard has not come as far as
+  to revert.
 
   `BB.Firmware.Guard.Decision` decides, this process acts. Its deadline counts from the start of the VM, so that a guard that crashes
   again and again decides too; when even the guard is gone, the heart stops (`BB.Firmware.Guard.Heart`) and the board restarts.
@@ -186,7 +188,8 @@ defmodule BB.Firmware.Guard do
     Enum.reduce(events ++ [:tick], %{state | checks: checks}, &happen/2)
   end
 
-  # Where the start could not look at the marker, as the board did not answer yet, it is done here.
+  # Where the start could not look at the marker, as the board did not answer yet, it is done
+  # here.
   defp ask(%{decision: %{phase: :asking}} = state) do
     _ = Trial.begin(state.folder, state.board)
     happen({:status, Trial.status(state.folder, state.board)}, state)

@@ -1,6 +1,7 @@
 defmodule BB.Firmware.Init do
   @moduledoc """
-  The first of ours in a board's start, before ssh: what has to happen to `/data` before anything there is used.
+  The first of ours in a board's start, before ssh: what has to happen to `/data` before anything
+  there is used.
 
       config :nerves_runtime, init_module: BB.Firmware.Init
 
@@ -11,9 +12,10 @@ defmodule BB.Firmware.Init do
     3. damaged host keys are set aside (`BB.Firmware.HostKeys`),
     4. an update on trial is noted, and what became of the one before (`BB.Firmware.Trial`).
 
-  No step can end the start: whatever it raises, and also when it never returns, it is tried again and then left out
-  (`BB.Firmware.Attempt`). Other files of ours in `/data` are looked at by who reads them. The host keys belong to an
-  application that starts before this one, and does not keep what it cannot read.
+  No step can end the start: whatever it raises, and also when it never returns, it is tried again
+  and then left out (`BB.Firmware.Attempt`). Other files of ours in `/data` are looked at by who
+  reads them. The host keys belong to an application that starts before this one, and does not
+  keep what it cannot read.
   """
 
   alias BB.Firmware.{Attempt, Board, HostKeys, Story, Trial}
@@ -32,8 +34,9 @@ defmodule BB.Firmware.Init do
   @doc """
   Does it, and leaves no process. It always returns `:ignore`.
 
-  Options, for tests: `board:`, `folder:` of the guard, `keys:` the folder of the host keys, `mount:` what mounts, a function
-  without arguments; `attempt:` options of `BB.Firmware.Attempt.run/3`. Without them all are the configured ones.
+  Options, for tests: `board:`, `folder:` of the guard, `keys:` the folder of the host keys,
+  `mount:` what mounts, a function without arguments; `attempt:` options of
+  `BB.Firmware.Attempt.run/3`. Without them all are the configured ones.
   """
   @spec start_link(keyword()) :: :ignore
   def start_link(opts \\ []) do

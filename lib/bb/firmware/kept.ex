@@ -1,10 +1,11 @@
 defmodule BB.Firmware.Kept do
   @moduledoc """
-  Small texts that outlive a power failure: what the parts of the firmware know of the time before a restart.
+  Small texts that outlive a power failure: what the parts of the firmware know of the time before
+  a restart.
 
-  A file is written beside its place, forced to the disk and renamed, so that a power failure leaves the old text or the new one.
-  Each kind of file begins with a line of its own. A file that does not, or is no text, is renamed to `….corrupt`, logged, and
-  counts as missing.
+  A file is written beside its place, forced to the disk and renamed, so that a power failure
+  leaves the old text or the new one. Each kind of file begins with a line of its own. A file that
+  does not, or is no text, is renamed to `….corrupt`, logged, and counts as missing.
 
   Nothing here raises: a folder that cannot be written to is `{:error, posix}`.
   """

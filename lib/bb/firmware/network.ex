@@ -74,7 +74,8 @@ defmodule BB.Firmware.Network do
     state = %{
       robot: opts[:robot],
       source: source,
-      connection: Source.subscribe(source),
+      connection: :unknown,
+      heard?: false,
       period_ms: opts[:period_ms],
       look_ms: look_ms(opts),
       operator: Operator.new(opts[:disarm_after_ms]),
@@ -118,7 +119,18 @@ defmodule BB.Firmware.Network do
 
   defp look(state) do
     _ = Process.send_after(self(), :look, state.look_ms)
-    state |> attach() |> operate(:tick) |> publish_if_due()
+    state |> listen() |> attach() |> operate(:tick) |> publish_if_due()
+  end
+
+  # What tells of the network may start later than this, or have ended: the robot runs meanwhile.
+  defp listen(%{heard?: true} = state), do: state
+
+  defp listen(state) do
+    %{state | connection: Source.subscribe(state.source), heard?: true}
+  rescue
+    _error -> state
+  catch
+    _kind, _reason -> state
   end
 
   # Subscriptions end with the robot's root.

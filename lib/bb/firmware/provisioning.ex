@@ -9,9 +9,9 @@ defmodule BB.Firmware.Provisioning do
   | `wifi_ssid`, `wifi_passphrase` | a Wi-Fi to join; without a passphrase an open one |
   | `wifi_country` | two letters, for the channels that are allowed there |
 
-  It is done once, when the application starts, and leaves no process. What cannot be done, or does not return in time, is
-  logged without what was told, and the robot runs all the same. A Wi-Fi that a person sets up on the board itself goes before
-  the card's.
+  It is done once, when the application starts, and leaves no process. What cannot be done, or
+  does not return in time, is logged without what was told, and the robot runs all the same. A
+  Wi-Fi that a person sets up on the board itself goes before the card's.
   """
 
   require Logger
@@ -26,8 +26,8 @@ defmodule BB.Firmware.Provisioning do
     do: %{id: __MODULE__, start: {__MODULE__, :start_link, [opts]}, restart: :transient}
 
   @doc """
-  Does it, and always returns `:ignore`. Options: `board:` and `network:`, without which they are the configured ones, and
-  `limit_ms:` (#{@limit_ms}) for each step.
+  Does it, and always returns `:ignore`. Options: `board:` and `network:`, without which they are
+  the configured ones, and `limit_ms:` (#{@limit_ms}) for each step.
   """
   @spec start_link(keyword()) :: :ignore
   def start_link(opts) do

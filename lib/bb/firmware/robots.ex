@@ -1,8 +1,10 @@
 defmodule BB.Firmware.Robots do
   @moduledoc """
-  The robots of this VM, as safety knows them: for what concerns all of them, an update or a restart of the board.
+  The robots of this VM, as safety knows them: for what concerns all of them, an update or a
+  restart of the board.
 
-  It answers also where safety is gone. Without its tables no robot is armed, since whatever acts asks them first.
+  It answers also where safety is gone. Without its tables no robot is armed, since whatever acts
+  asks them first.
   """
 
   alias BB.Safety

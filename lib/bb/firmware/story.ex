@@ -1,11 +1,13 @@
 defmodule BB.Firmware.Story do
   @moduledoc """
-  What happened to a board, a line for each event, kept over restarts: an application that ended, a restart of the board, an update, a
-  revert. For a person who comes afterwards and asks why; `Ganglion.Console.firmware/0` shows it.
+  What happened to a board, a line for each event, kept over restarts: an application that ended,
+  a restart of the board, an update, a revert. For a person who comes afterwards and asks why;
+  `Ganglion.Console.firmware/0` shows it.
 
       2026-01-02T03:04:05Z the application ganglion ended (killed); it is started again (1 of 4)
 
-  The last hundred lines are kept, in `story.txt` in the guard's folder. A line that cannot be kept is logged all the same.
+  The last hundred lines are kept, in `story.txt` in the guard's folder. A line that cannot be
+  kept is logged all the same.
   """
 
   require Logger

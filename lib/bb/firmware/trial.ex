@@ -2,18 +2,22 @@ defmodule BB.Firmware.Trial do
   @moduledoc """
   The trial of an update, over restarts: who is on trial, and what became of those before.
 
-  A board that goes back to its old firmware by itself - the guard never ran, the power failed, heart or watchdog restarted the
-  board - tells nobody. So a marker is written to the guard's folder before the first restart (`accepted/3`,
-  `written/1`), the new firmware writes into it that it has started (`begin/3`), and whichever firmware starts next sees
-  from it what happened. Each revert leaves a report (`BB.Firmware.Guard.Report`) and a line of the story (`BB.Firmware.Story`),
-  whoever made it.
+  A board that goes back to its old firmware by itself - the guard never ran, the power failed,
+  heart or watchdog restarted the board - tells nobody. So a marker is written to the guard's
+  folder before the first restart (`accepted/3`, `written/1`), the new firmware writes into it
+  that it has started (`begin/3`), and whichever firmware starts next sees from it what happened.
+  Each revert leaves a report (`BB.Firmware.Guard.Report`) and a line of the story
+  (`BB.Firmware.Story`), whoever made it.
 
-  A board without a fallback of its own (x86_64) says `:validated` or `:unknown` of an update too. With a marker the guard knows
-  that it is on trial all the same, and reverts it if need be: `status/2` is what the rest of the firmware asks.
+  A board without a fallback of its own (x86_64) says `:validated` or `:unknown` of an update too.
+  With a marker the guard knows that it is on trial all the same, and reverts it if need be:
+  `status/2` is what the rest of the firmware asks.
 
-  What was reverted once is refused as a firmware to go back to (`refused?/2`); where the board can, its slot is closed too.
+  What was reverted once is refused as a firmware to go back to (`refused?/2`); where the board
+  can, its slot is closed too.
 
-  `BB.Firmware.Trial.Marker` decides, this module acts. Nothing here raises for what a board or a disk does.
+  `BB.Firmware.Trial.Marker` decides, this module acts. Nothing here raises for what a board or a
+  disk does.
   """
 
   alias BB.Firmware.{Board, Kept, Story}
@@ -25,7 +29,8 @@ defmodule BB.Firmware.Trial do
   @refused_count 20
 
   @doc """
-  Looks at the marker at the start of the machine. Called twice in one start it changes nothing the second time.
+  Looks at the marker at the start of the machine. Called twice in one start it changes nothing
+  the second time.
 
   `{:error, reason}` when the board does not say what runs; then it can be called again.
   """
@@ -54,8 +59,8 @@ defmodule BB.Firmware.Trial do
   end
 
   @doc """
-  The state of the running firmware: the board's own, and `:unvalidated` also for firmware that the guard tries, because the board
-  has no such state.
+  The state of the running firmware: the board's own, and `:unvalidated` also for firmware that
+  the guard tries, because the board has no such state.
   """
   @spec status(Path.t(), Board.t()) :: Board.status() | {:error, term()}
   def status(folder, board) do
@@ -81,7 +86,10 @@ defmodule BB.Firmware.Trial do
     end
   end
 
-  @doc "What is known of the trial until now, a line for each thing, for the case that nobody can tell later."
+  @doc """
+  What is known of the trial until now, a line for each thing, for the case that nobody can tell
+  later.
+  """
   @spec note(Path.t(), [String.t()]) :: :ok | {:error, term()}
   def note(folder, notes),
     do: change(folder, &%{&1 | notes: Enum.map(notes, fn note -> Kept.line(note) end)})

@@ -2,8 +2,9 @@ defmodule Ganglion.Console.Plain do
   @moduledoc """
   Text that arrives wherever it is printed: ASCII, one line, and the kernel's errors in words.
 
-  A write with a character beyond Latin-1 is dropped whole where a command runs over ssh (`ssh host '…'`), and what a driver, a
-  robot or a card says may have any character. What has a counterpart in ASCII is spelled by it, what has none is a `?`.
+  A write with a character beyond Latin-1 is dropped whole where a command runs over ssh (`ssh
+  host '…'`), and what a driver, a robot or a card says may have any character. What has a
+  counterpart in ASCII is spelled by it, what has none is a `?`.
 
       iex> Ganglion.Console.Plain.line("5 µm² – naïve…\\n日本")
       "5 um2 - naive... ??"
@@ -107,7 +108,8 @@ defmodule Ganglion.Console.Plain do
 
   def words(term), do: line(inspect(term, limit: 20))
 
-  # `errno 28`, and `{:errno, 28}` inside of what was inspected; not where the words follow already.
+  # `errno 28`, and `{:errno, 28}` inside of what was inspected; not where the words follow
+  # already.
   defp errnos(text) do
     Regex.replace(~r/(?:\{:errno, (\d+)\}|\berrno (\d+)\b)(?! \()/, text, fn all, one, other ->
       case errno(String.to_integer(one <> other)) do

@@ -11,7 +11,8 @@ defmodule Ganglion.Console.Reading do
       iex> Ganglion.Console.Reading.line(imu)
       "angular_velocity 0.0 0.0125 -1.5, linear_acceleration 0.0 0.0 9.81, orientation 1.0 0.0 0.0 0.0"
 
-  Fields without a value and covariances are left out; of long lists the first elements are shown, of bytes their number.
+  Fields without a value and covariances are left out; of long lists the first elements are shown,
+  of bytes their number.
   """
 
   alias BB.Math.{Covariance3, Covariance6}

@@ -1,7 +1,7 @@
 defmodule BB.Firmware.ApplicationsTest do
   @moduledoc """
-  Applications that are killed, as OTP's application controller sees and reports it. They are ones of the test: the project's own
-  has the robots of other tests.
+  Applications that are killed, as OTP's application controller sees and reports it. They are ones
+  of the test: the project's own has the robots of other tests.
   """
 
   # Reports of starts are logged for debugging, so the logger's level is the VM's.
@@ -20,7 +20,8 @@ defmodule BB.Firmware.ApplicationsTest do
 
   @pauses [pauses_ms: [0, 1, 1, 1], stay_ms: 1]
 
-  # An application whose supervisor has the application's name; `fail: true` in its environment keeps it from starting.
+  # An application whose supervisor has the application's name; `fail: true` in its environment
+  # keeps it from starting.
   defmodule App do
     use Application
 
@@ -131,7 +132,7 @@ defmodule BB.Firmware.ApplicationsTest do
     refute running?(dependent)
   end
 
-  test "a board that was restarted in vain stays up, goes on trying, and keeps its watchdog quiet",
+  test "a board that was restarted in vain stays up, goes on trying, and quiets its watchdog",
        context do
     %{app: app, memory: memory, folder: folder} = context
 
@@ -214,7 +215,7 @@ defmodule BB.Firmware.ApplicationsTest do
   end
 
   @tag timeout: 300_000
-  test "the project's own application, killed in a VM of its own, runs again with its gate and robot",
+  test "the project's own application, killed in a VM of its own, runs again with its gate",
        %{folder: folder} do
     {again, board, story} = Killed.in_vm(:kill_supervisor, [Path.join(folder, "vm"), 4])
     assert again == [true, true, true]

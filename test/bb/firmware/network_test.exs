@@ -43,6 +43,23 @@ defmodule BB.Firmware.NetworkTest do
     assert_receive {:bb, [:sensor, :network], %{payload: %Connection{state: :disconnected}}}
   end
 
+  defmodule Late do
+    # As VintageNet, whose table is not there before its application is.
+    def subscribe(flag), do: if(Agent.get(flag, & &1), do: :ok, else: raise(ArgumentError))
+    def state(flag), do: if(Agent.get(flag, & &1), do: :internet, else: exit(:noproc))
+    def change(_flag, _message), do: :error
+  end
+
+  test "a source that is not there yet is found once it is", context do
+    flag = start_supervised!({Agent, fn -> false end})
+    start_supervised!(context.robot)
+    {:ok, _} = BB.subscribe(context.robot, [:sensor, :network])
+    network(context, source: {Late, flag}, period_ms: 20)
+    assert_receive {:bb, _, %{payload: %Connection{state: :unknown}}}, 30_000
+    Agent.update(flag, fn _ -> true end)
+    assert_receive {:bb, _, %{payload: %Connection{state: :internet}}}, 30_000
+  end
+
   test "the connection is published each period", context do
     start_supervised!(context.robot)
     {:ok, _} = BB.subscribe(context.robot, [:sensor, :network])

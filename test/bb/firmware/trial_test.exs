@@ -1,5 +1,5 @@
 defmodule BB.Firmware.TrialTest do
-  @moduledoc "Starts of a machine with two slots: each firmware is a board of its own, and the folder survives."
+  @moduledoc "Starts of a machine: each firmware is a board of its own, and the folder survives."
 
   use ExUnit.Case, async: true
 

@@ -1,13 +1,16 @@
 defmodule BB.Firmware.Applications.Decision do
   @moduledoc """
-  What follows when an application ends: it is started again, then the board is. Pure; the clock is an argument, in milliseconds.
+  What follows when an application ends: it is started again, then the board is. Pure; the clock
+  is an argument, in milliseconds.
 
-  An application that has ended is started again, at once the first time and after a longer pause each time, up to
-  `restarts` times within `window_ms`. When it ends once more, that does not help, and the board is restarted.
+  An application that has ended is started again, at once the first time and after a longer pause
+  each time, up to `restarts` times within `window_ms`. When it ends once more, that does not
+  help, and the board is restarted.
 
-  The board is restarted `board_restarts` times at most: one that restarts for ever takes no update. After that the board stays up
-  without the application, which is started again once in `stay_ms`. Where it is not known how often the board was
-  restarted, it stays up as well. `calm_ms` without an end count as success, and counting begins anew.
+  The board is restarted `board_restarts` times at most: one that restarts for ever takes no
+  update. After that the board stays up without the application, which is started again once in
+  `stay_ms`. Where it is not known how often the board was restarted, it stays up as well.
+  `calm_ms` without an end count as success, and counting begins anew.
 
   Firmware on trial is not restarted but reverted.
 
@@ -82,7 +85,8 @@ defmodule BB.Firmware.Applications.Decision do
   defp step(pause_ms, n), do: {:start, n, pause_ms}
 
   @doc """
-  What is done then: on a board that was restarted so often before, and whose firmware is on trial or not.
+  What is done then: on a board that was restarted so often before, and whose firmware is on trial
+  or not.
 
       iex> alias BB.Firmware.Applications.Decision
       iex> decision = Decision.new(board_restarts: 2)

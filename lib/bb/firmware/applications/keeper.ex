@@ -1,14 +1,15 @@
 defmodule BB.Firmware.Applications.Keeper do
   @moduledoc """
-  The process behind `BB.Firmware.Applications`: it belongs to no application, hears of ends, and does what
-  `BB.Firmware.Applications.Decision` says.
+  The process behind `BB.Firmware.Applications`: it belongs to no application, hears of ends, and
+  does what `BB.Firmware.Applications.Decision` says.
 
-  What it starts is everything that the release starts and that does not run, in the release's order, so that what could not start
-  without an application that had ended comes back with it.
+  What it starts is everything that the release starts and that does not run, in the release's
+  order, so that what could not start without an application that had ended comes back with it.
 
-  Before it restarts the board it waits for an upload that is under way, and disarms the robots. How often it has restarted the board
-  is kept in `restarts.txt` in the guard's folder, until everything has run for a while. A board that stays up without
-  an application tells the watchdog that it has come up, for otherwise that would restart it in the midst of an update.
+  Before it restarts the board it waits for an upload that is under way, and disarms the robots.
+  How often it has restarted the board is kept in `restarts.txt` in the guard's folder, until
+  everything has run for a while. A board that stays up without an application tells the watchdog
+  that it has come up, for otherwise that would restart it in the midst of an update.
   """
 
   use GenServer
@@ -26,9 +27,10 @@ defmodule BB.Firmware.Applications.Keeper do
   @own [:name, :board, :folder, :expected, :gate]
 
   @doc """
-  Starts it, linked to nobody. Options: those of `BB.Firmware.Applications.Decision.new/1`; `name:`; `board:` and `folder:` of
-  the guard, without which they are the configured ones; `expected:` the applications that have to run, without which they
-  are those of the release; `gate:` that of updates.
+  Starts it, linked to nobody. Options: those of `BB.Firmware.Applications.Decision.new/1`;
+  `name:`; `board:` and `folder:` of the guard, without which they are the configured ones;
+  `expected:` the applications that have to run, without which they are those of the release;
+  `gate:` that of updates.
   """
   @spec start(keyword()) :: GenServer.on_start()
   def start(opts), do: GenServer.start(__MODULE__, opts, Keyword.take(opts, [:name]))
@@ -211,8 +213,9 @@ defmodule BB.Firmware.Applications.Keeper do
 
   defp again(state), do: start_in(%{state | timer: nil}, @boot_ms)
 
-  # While the release starts, everything that it starts is not yet missing. What the boot file has told last counts: the VM itself
-  # is starting for as long as what its command line names (`-run`) has not returned.
+  # While the release starts, everything that it starts is not yet missing. What the boot file has
+  # told last counts: the VM itself is starting for as long as what its command line names
+  # (`-run`) has not returned.
   defp booted? do
     case :init.get_status() do
       {:starting, :started} -> true

@@ -6,7 +6,8 @@ defmodule BB.Firmware.Board.Memory do
       board = {BB.Firmware.Board.Memory, memory}
 
   The process of `tell:` gets `{BB.Firmware.Board.Memory, call}` for each call that changes something: `:validate`, `:revert`,
-  `:prevent_revert`, `:reboot`, `:init_complete`, `{:set_heart, heart}`, `{:clear_heart, heart}`. `answer/3` sets what a call returns from then on.
+  `:prevent_revert`, `:reboot`, `:init_complete`, `{:set_heart, heart}`, `{:clear_heart, heart}`.
+  `answer/3` sets what a call returns from then on.
   """
 
   use Agent
@@ -14,7 +15,8 @@ defmodule BB.Firmware.Board.Memory do
   @behaviour BB.Firmware.Board
 
   @doc """
-  Options: `status:` (`:unvalidated`), `tell:` a process, `slot:` a string, and the maps `firmware:`, `other:` and `provisioned:`.
+  Options: `status:` (`:unvalidated`), `tell:` a process, `slot:` a string, and the maps
+  `firmware:`, `other:` and `provisioned:`.
   """
   @spec start_link(keyword()) :: Agent.on_start()
   def start_link(opts \\ []) do

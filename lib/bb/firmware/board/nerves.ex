@@ -2,13 +2,15 @@ defmodule BB.Firmware.Board.Nerves do
   @moduledoc """
   A board that runs Nerves: `Nerves.Runtime` and the VM's `:heart`.
 
-  Validating and reverting run the program `fwup` behind a process of Nerves (`FwupOps`) that is asked with a time-out of one
-  second, which a slow card can exceed, and which exits then. `BB.Firmware.Board` makes an error of that; `revert/1` waits for
-  what it has begun, because a second attempt behind a first one that was only slow would lead back to the firmware that is to go.
+  Validating and reverting run the program `fwup` behind a process of Nerves (`FwupOps`) that is
+  asked with a time-out of one second, which a slow card can exceed, and which exits then.
+  `BB.Firmware.Board` makes an error of that; `revert/1` waits for what it has begun, because a
+  second attempt behind a first one that was only slow would lead back to the firmware that is to
+  go.
 
-  Nerves' store (`KV`) asks `FwupOps` at its first use and ends when the answer is late; four such ends within five seconds end
-  `nerves_runtime`. So `ready/1` asks `FwupOps` first, as often as it takes to have an answer in time: what is slow is the first run
-  of `fwup`, from a cold card.
+  Nerves' store (`KV`) asks `FwupOps` at its first use and ends when the answer is late; four such
+  ends within five seconds end `nerves_runtime`. So `ready/1` asks `FwupOps` first, as often as it
+  takes to have an answer in time: what is slow is the first run of `fwup`, from a cold card.
   """
 
   @behaviour BB.Firmware.Board

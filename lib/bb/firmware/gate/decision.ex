@@ -6,8 +6,8 @@ defmodule BB.Firmware.Gate.Decision do
   alias BB.Firmware.Board
 
   @typedoc """
-  What is so: the `lock`'s answer, and with the lock the `safety` state of the robots, the `validation` of the running firmware, the
-  public `key`'s file, and whether the `gate` is there.
+  What is so: the `lock`'s answer, and with the lock the `safety` state of the robots, the
+  `validation` of the running firmware, the public `key`'s file, and whether the `gate` is there.
   """
   @type facts ::
           %{lock: {:error, :updating | :written | :unknown}}
@@ -55,13 +55,16 @@ defmodule BB.Firmware.Gate.Decision do
   defp validation(:unvalidated, :there),
     do: {:error, "the running firmware is not validated yet: wait for its guard to decide"}
 
-  # The only firmware that works would be written over. The board goes back to it soon, and takes updates then.
+  # The only firmware that works would be written over. The board goes back to it soon, and takes
+  # updates then.
   defp validation(:unvalidated, :gone) do
     {:error,
-     "the running firmware is on trial, and its application does not run: the board goes back to the firmware before"}
+     "the running firmware is on trial, and its application does not run: " <>
+       "the board goes back to the firmware before"}
   end
 
-  # What does not answer there is part of what the update repairs. fwup looks at the state for itself, where the board has one.
+  # What does not answer there is part of what the update repairs. fwup looks at the state for
+  # itself, where the board has one.
   defp validation({:error, _reason}, :gone), do: :ok
 
   defp validation({:error, reason}, :there),

@@ -1,13 +1,16 @@
 defmodule BB.Firmware.Gate.Holder do
   @moduledoc """
-  Who writes a firmware, as a process of its own: it belongs to no supervisor and no application, so that two uploads exclude each
-  other also on a board whose gate, robot and application are gone.
+  Who writes a firmware, as a process of its own: it belongs to no supervisor and no application,
+  so that two uploads exclude each other also on a board whose gate, robot and application are
+  gone.
 
-  The lock (`BB.Firmware.Gate.Lock`) is the process that has its name: one process has a name at a time, and it is there as long as
-  somebody uploads, or may just have written. The uploader gets a name too. Whoever kills the lock's process finds the
-  uploader by that name, and the lock is made anew for it.
+  The lock (`BB.Firmware.Gate.Lock`) is the process that has its name: one process has a name at a
+  time, and it is there as long as somebody uploads, or may just have written. The uploader gets a
+  name too. Whoever kills the lock's process finds the uploader by that name, and the lock is made
+  anew for it.
 
-  As long as it is there the robots cannot be armed (`BB.Safety.inhibit/3` at `[:firmware, :update]`).
+  As long as it is there the robots cannot be armed (`BB.Safety.inhibit/3` at `[:firmware,
+  :update]`).
   """
 
   use GenServer
@@ -23,11 +26,15 @@ defmodule BB.Firmware.Gate.Holder do
   @typedoc "The name of the lock, and the one of who holds it."
   @type names :: {lock :: atom(), uploader :: atom()}
 
-  @typedoc "Names, the robots that cannot be armed meanwhile, and how long the lock stays closed after an upload."
+  @typedoc """
+  Names, the robots that cannot be armed meanwhile, and how long the lock stays closed after an
+  upload.
+  """
   @type settings :: %{names: names(), robots: [module()], settle_ms: non_neg_integer()}
 
   @doc """
-  Makes the calling process the holder. It waits while it is not known whether the upload before has written anything.
+  Makes the calling process the holder. It waits while it is not known whether the upload before
+  has written anything.
   """
   @spec enter(settings()) :: :ok | {:error, :updating | :written | :unknown}
   def enter(settings) do
@@ -80,7 +87,8 @@ defmodule BB.Firmware.Gate.Holder do
   end
 
   @doc """
-  Makes the lock anew for an uploader whose lock was killed, and forbids arming again where a lock is. `:free` when there is neither.
+  Makes the lock anew for an uploader whose lock was killed, and forbids arming again where a lock
+  is. `:free` when there is neither.
   """
   @spec adopt(settings()) :: :held | :free
   def adopt(%{names: {lock, name}} = settings) do

@@ -7,8 +7,9 @@ defmodule BB.Firmware.Gate.Lock do
                              └───────── written ───────┴─► :written
 
   The process that uploads ends before the firmware's success is told, by half a second. What a second upload would then write
-  over is the running firmware; so the lock stays closed for `settle_ms` after its holder has left. Who comes within that time
-  waits (`:closing`): nothing is written then, and soon it is known whether anything was. `BB.Firmware.Gate.Holder` has it.
+  over is the running firmware; so the lock stays closed for `settle_ms` after its holder has
+  left. Who comes within that time waits (`:closing`): nothing is written then, and soon it is
+  known whether anything was. `BB.Firmware.Gate.Holder` has it.
   """
 
   @type t :: :free | {:held, pid()} | {:closing, until_ms :: integer()} | :written

@@ -1,9 +1,10 @@
 defmodule BB.Firmware.Guard.Report do
   @moduledoc """
-  What is left behind for a person: why a firmware was reverted and by whom, and what was missing in one that was validated.
+  What is left behind for a person: why a firmware was reverted and by whom, and what was missing
+  in one that was validated.
 
-  A report is text in the guard's folder, `reverted.txt` or `validated.txt`: the last one of each kind, which a power failure
-  does not damage (`BB.Firmware.Kept`).
+  A report is text in the guard's folder, `reverted.txt` or `validated.txt`: the last one of each
+  kind, which a power failure does not damage (`BB.Firmware.Kept`).
   """
 
   alias BB.Firmware.Guard.Decision

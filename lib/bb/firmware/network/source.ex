@@ -36,7 +36,10 @@ defmodule BB.Firmware.Network.Source do
   @spec configured() :: t()
   def configured, do: Application.get_env(:ganglion, :network, {BB.Firmware.Network.None, []})
 
-  @doc "Subscribes, and only then asks for the state, so that no change goes by."
+  @doc """
+  Subscribes, and only then asks for the state, so that no change goes by. Raises or exits when the
+  source is not there.
+  """
   @spec subscribe(t()) :: Connection.state()
   def subscribe({module, handle}) do
     :ok = module.subscribe(handle)

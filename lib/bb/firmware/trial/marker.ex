@@ -7,12 +7,14 @@ defmodule BB.Firmware.Trial.Marker do
          └─ the same firmware runs: dropped   └─ the same firmware runs:          └─ validated, or
                                                  it was reverted unseen              another runs: reverted
 
-  Firmware is named by its id, `{uuid, slot}`: the same image can be written again, to the other slot. Each start of the machine has a
-  name too (`boot`), so that looking twice in one start changes nothing.
+  Firmware is named by its id, `{uuid, slot}`: the same image can be written again, to the other
+  slot. Each start of the machine has a name too (`boot`), so that looking twice in one start
+  changes nothing.
 
-  `by` says who falls back: `:board` where the board's own state is `:unvalidated`, and `:guard` on a board that has no such
-  state: `BB.Firmware.Guard` tries the firmware there, and reverts it. Firmware that was started #{3} times there without a
-  verdict is reverted before anything else of it runs.
+  `by` says who falls back: `:board` where the board's own state is `:unvalidated`, and `:guard`
+  on a board that has no such state: `BB.Firmware.Guard` tries the firmware there, and reverts it.
+  Firmware that was started #{3} times there without a verdict is reverted before anything else of
+  it runs.
   """
 
   alias BB.Firmware.Board
@@ -41,7 +43,8 @@ defmodule BB.Firmware.Trial.Marker do
   @type running :: %{id: id(), version: String.t() | nil, status: Board.status()}
 
   @typedoc """
-  What is to be done: tell that the marker's firmware is gone (`by` whom), revert the running one, or give that up.
+  What is to be done: tell that the marker's firmware is gone (`by` whom), revert the running one,
+  or give that up.
   """
   @type action :: {:reverted, t(), by :: String.t()} | {:revert, t()} | {:give_up, t()}
 

@@ -1,5 +1,5 @@
 defmodule BB.Firmware.Board.NervesTest do
-  @moduledoc "The board's module against processes that behave as Nerves' do, a slow `fwup` among them."
+  @moduledoc "The board's module against processes that behave as Nerves' do, slow ones too."
 
   # The modules of Nerves are the VM's.
   use ExUnit.Case, async: false

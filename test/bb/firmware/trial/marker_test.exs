@@ -67,7 +67,7 @@ defmodule BB.Firmware.Trial.MarkerTest do
     assert Marker.at_start(started(:board), running(@new, :validated), "3") == {nil, []}
   end
 
-  test "firmware that only the guard tries is reverted after some starts in vain, and not for ever" do
+  test "firmware that only the guard tries is reverted after some starts, and not for ever" do
     {marker, actions} =
       Enum.reduce(3..20, {started(:guard), []}, fn boot, {marker, actions} ->
         {marker, more} = Marker.at_start(marker, running(@new, :unknown), "#{boot}")
@@ -97,7 +97,7 @@ defmodule BB.Firmware.Trial.MarkerTest do
     end
   end
 
-  property "a marker is read as it was written, and no cut or flipped text raises", numtests: 500 do
+  property "a marker is read as it was written, and no damaged text raises", numtests: 500 do
     forall {marker, at, byte} <- {marker(), integer(0, 500), integer(0, 255)} do
       text = Marker.encode(marker)
       assert Marker.decode(text) == {:ok, marker}
