@@ -63,7 +63,7 @@ defmodule BB.Firmware.ApplicationsTest do
 
   defp application(dependencies) do
     app = :"test_app_#{System.unique_integer([:positive])}"
-    keys = [vsn: '1', applications: [:kernel, :stdlib] ++ dependencies, mod: {App, app}]
+    keys = [vsn: ~c"1", applications: [:kernel, :stdlib] ++ dependencies, mod: {App, app}]
     :ok = :application.load({:application, app, keys})
 
     on_exit(fn ->
@@ -148,6 +148,12 @@ defmodule BB.Firmware.ApplicationsTest do
     assert_receive {Memory, :init_complete}, 30_000
     eventually(fn -> story?(folder, "stays up for an update") end, 30_000)
     refute_received {Memory, :reboot}
+
+    # How it began stays in the story, however long it goes on.
+    for _ <- 1..200, do: Keeper.tell(keeper, {:ended, app, :no_such_chip})
+    _ = :sys.get_state(keeper, 30_000)
+    assert story?(folder, "the board restarts (time 1)")
+    assert Enum.count(Story.recent(folder), &(&1 =~ "stays up for an update")) == 1
 
     Application.stop(app)
     Application.stop(context.dependent)

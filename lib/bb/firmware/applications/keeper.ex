@@ -22,6 +22,7 @@ defmodule BB.Firmware.Applications.Keeper do
   @first "ganglion restarts 1\n"
   @start_limit_ms 60_000
   @boot_ms 500
+  @boot_limit_ms 120_000
   @upload_ms 5_000
   @upload_limit_ms 1_800_000
   @own [:name, :board, :folder, :expected, :gate]
@@ -55,6 +56,8 @@ defmodule BB.Firmware.Applications.Keeper do
       ended: MapSet.new(),
       timer: nil,
       leaving?: false,
+      stays_for: nil,
+      began_ms: now_ms(),
       calm: nil
     }
 
@@ -78,7 +81,8 @@ defmodule BB.Firmware.Applications.Keeper do
      %{
        state
        | stopped: MapSet.delete(state.stopped, app),
-         ended: MapSet.delete(state.ended, app)
+         ended: MapSet.delete(state.ended, app),
+         stays_for: nil
      }}
   end
 
@@ -95,7 +99,9 @@ defmodule BB.Firmware.Applications.Keeper do
 
   @impl GenServer
   def handle_info(:start, state) do
-    if booted?(), do: {:noreply, start_all(%{state | timer: nil})}, else: {:noreply, again(state)}
+    if booted?(state),
+      do: {:noreply, start_all(%{state | timer: nil})},
+      else: {:noreply, again(state)}
   end
 
   def handle_info({:last_step, app, reason, until_ms}, state),
@@ -158,16 +164,10 @@ defmodule BB.Firmware.Applications.Keeper do
   end
 
   defp act({:stay, pause_ms}, app, reason, restarts, state) do
-    told(
-      state,
-      app,
-      reason,
-      "restarting did not help (#{restarts}); the board stays up for an update"
-    )
-
+    told(state, app, reason, "no restart helps (#{restarts}); the board stays up for an update")
     # Where it is not known how often it has restarted, the watchdog is left to do it.
     if is_integer(restarts), do: Board.init_complete(state.board)
-    start_in(state, pause_ms)
+    start_in(%{state | stays_for: {app, reason}}, pause_ms)
   end
 
   # It may never return.
@@ -190,7 +190,12 @@ defmodule BB.Firmware.Applications.Keeper do
 
   defp told(state, app, reason, what) do
     text = "the application #{app} ended (#{Kept.line(reason)}); #{what}"
-    _ = Story.tell(state.folder, text)
+
+    # The same once a minute would leave no room for how it began.
+    if state.stays_for == {app, reason},
+      do: Logger.warning(text),
+      else: _ = Story.tell(state.folder, text)
+
     text
   end
 
@@ -215,11 +220,12 @@ defmodule BB.Firmware.Applications.Keeper do
 
   # While the release starts, everything that it starts is not yet missing. What the boot file has
   # told last counts: the VM itself is starting for as long as what its command line names
-  # (`-run`) has not returned.
-  defp booted? do
+  # (`-run`) has not returned. An application whose start never returns does not keep the others
+  # from theirs.
+  defp booted?(state) do
     case :init.get_status() do
       {:starting, :started} -> true
-      {:starting, _what} -> false
+      {:starting, _what} -> now_ms() - state.began_ms > @boot_limit_ms
       _started -> true
     end
   end

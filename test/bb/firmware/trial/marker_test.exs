@@ -102,7 +102,8 @@ defmodule BB.Firmware.Trial.MarkerTest do
       text = Marker.encode(marker)
       assert Marker.decode(text) == {:ok, marker}
       at = rem(at, byte_size(text))
-      <<head::binary-size(at), _, tail::binary>> = text
+      head = binary_part(text, 0, at)
+      tail = binary_part(text, at + 1, byte_size(text) - at - 1)
       for damaged <- [head, head <> <<byte>> <> tail], do: decode(damaged)
       true
     end
