@@ -211,6 +211,35 @@ defmodule BB.Firmware.ApplicationsTest do
     assert_receive {Memory, :reboot}, 30_000
   end
 
+  test "keeper and lock belong to no application, whoever starts them", context do
+    %{app: app, memory: memory, folder: folder} = context
+    {:group_leader, group} = Process.info(Process.whereis(app), :group_leader)
+    gate = :"gate_#{System.unique_integer([:positive])}"
+    key = Path.join(folder, "key")
+    File.write!(key, "key")
+    own = [board: {Memory, memory}, public_key: key, folder: folder, settle_ms: 0]
+    test = self()
+
+    # It has a group of its own again, so that its end is not what ends the lock.
+    uploader =
+      spawn(fn ->
+        before = Process.group_leader()
+        Process.group_leader(self(), group)
+        send(test, {Keeper.start(folder: folder), BB.Firmware.Gate.precheck(gate, own)})
+        Process.group_leader(self(), before)
+        receive do: (:end -> :ok)
+      end)
+
+    assert_receive {{:ok, keeper}, {:ok, _}}, 30_000
+    lock = Process.whereis(Module.concat(gate, "Lock"))
+    for pid <- [keeper, lock], do: assert(:application.get_application(pid) == :undefined)
+    Application.stop(context.dependent)
+    Application.stop(app)
+    for pid <- [keeper, lock], do: assert(Process.alive?(pid))
+    send(uploader, :end)
+    Process.exit(keeper, :kill)
+  end
+
   test "a board that refuses to restart goes on trying to start what has ended", context do
     %{app: app, memory: memory, folder: folder} = context
     Memory.answer(memory, :reboot, {:error, :no_board})

@@ -141,7 +141,7 @@ defmodule BB.Firmware.GateTest do
     own: own
   } do
     gate = Module.concat(robot, Slow)
-    opts = [robot: robot, name: gate] ++ Keyword.put(own, :settle_ms, 300)
+    opts = [robot: robot, name: gate] ++ Keyword.put(own, :settle_ms, 5_000)
     start_supervised!({Gate, opts}, id: gate)
 
     # It failed: the next one is let in, and is told of no other.
