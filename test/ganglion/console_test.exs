@@ -97,7 +97,7 @@ defmodule Ganglion.ConsoleTest do
     topic = BB.Test.Native.topic("console")
     {:ok, publisher} = BB.Ring.Publisher.open(topic)
     # A name as long as that of a test's topic is cut off.
-    shown_name = topic |> String.slice(0, 20) |> Regex.escape()
+    shown_name = topic |> String.slice(0, 12) |> Regex.escape()
     assert shown(fn -> Console.ring() end) =~ ~r/^#{shown_name}\S* +live +0 +16/m
     BB.Ring.Publisher.close(publisher)
   end
