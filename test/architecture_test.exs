@@ -79,7 +79,7 @@ defmodule ArchitectureTest do
     # Composition.
     ganglion:
       {~w(Ganglion.*),
-       ~w(firmware facade sensor driver native_process handoff ring bus simulation safety parameter pub_sub path envelope payload math)a}
+       ~w(firmware errno facade sensor driver native_process handoff ring bus simulation safety parameter pub_sub path envelope payload math)a}
   ]
 
   # What comes from outside, by the start of its name, and which of our modules may name it.

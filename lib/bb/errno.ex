@@ -58,9 +58,23 @@ defmodule BB.Errno do
   """
   @spec words(integer()) :: String.t()
   def words(errno) do
-    case @names do
-      %{^errno => name} -> name |> :file.format_error() |> to_string()
-      _unknown -> "errno #{errno}"
+    case fetch(errno) do
+      {:ok, words} -> words
+      :error -> "errno #{errno}"
     end
+  end
+
+  @doc """
+  An errno in words, where it has some.
+
+      iex> BB.Errno.fetch(13)
+      {:ok, "permission denied"}
+      iex> BB.Errno.fetch(9_999)
+      :error
+  """
+  @spec fetch(integer()) :: {:ok, String.t()} | :error
+  def fetch(errno) do
+    with {:ok, name} <- Map.fetch(@names, errno),
+         do: {:ok, name |> :file.format_error() |> to_string()}
   end
 end

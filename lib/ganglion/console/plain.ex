@@ -12,6 +12,8 @@ defmodule Ganglion.Console.Plain do
       "write failed with errno 28 (no space left on device)"
   """
 
+  alias BB.Errno
+
   @spelled %{
     "…" => "...",
     "–" => "-",
@@ -49,35 +51,6 @@ defmodule Ganglion.Console.Plain do
     "Ø" => "O",
     "ł" => "l",
     "Ł" => "L"
-  }
-
-  # Linux' numbers, which are the same on all boards.
-  @errnos %{
-    1 => :eperm,
-    2 => :enoent,
-    4 => :eintr,
-    5 => :eio,
-    6 => :enxio,
-    9 => :ebadf,
-    11 => :eagain,
-    12 => :enomem,
-    13 => :eacces,
-    16 => :ebusy,
-    17 => :eexist,
-    19 => :enodev,
-    20 => :enotdir,
-    21 => :eisdir,
-    22 => :einval,
-    23 => :enfile,
-    24 => :emfile,
-    27 => :efbig,
-    28 => :enospc,
-    30 => :erofs,
-    32 => :epipe,
-    36 => :enametoolong,
-    71 => :eproto,
-    110 => :etimedout,
-    121 => :eremoteio
   }
 
   @doc "The text as one line. What is no text is shown as Elixir writes it."
@@ -120,7 +93,10 @@ defmodule Ganglion.Console.Plain do
   end
 
   defp errno(number) do
-    if posix = @errnos[number], do: List.to_string(:file.format_error(posix))
+    case Errno.fetch(number) do
+      {:ok, words} -> words
+      :error -> nil
+    end
   end
 
   defp ascii(text) do
