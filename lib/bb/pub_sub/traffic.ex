@@ -139,8 +139,10 @@ defmodule BB.PubSub.Traffic do
   @doc "The meters of the sources at exactly that path, one for each payload type."
   @spec meters(Bus.t(), Path.t()) :: [meter()]
   def meters(bus, path) do
-    sources = :ets.select(bus.traffic, [{{{path, :_}, :_}, [], [:"$_"]}])
-    for {{^path, _type}, meter} <- sources, do: meter
+    for table <- [bus.traffic, bus.passing],
+        {{^path, type}, meter} <- :ets.select(table, [{{{path, :_}, :_}, [], [:"$_"]}]),
+        is_atom(type),
+        do: meter
   end
 
   @doc "The time of the message that was counted last, of one that has counted some."
