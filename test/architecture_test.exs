@@ -33,7 +33,7 @@ defmodule ArchitectureTest do
     transmission: {~w(BB.Transmission), ~w(parameter envelope payload options unit)a},
 
     # What runs and what keeps it running. The declaration is data: the robot, and its components as it declares them.
-    process: {~w(BB.Process), []},
+    process: {~w(BB.Process.*), []},
     safety: {~w(BB.Safety.*), ~w(path pub_sub envelope payload telemetry)a},
     declaration: {~w(BB.Component BB.Robot.*), ~w(transmission parameter unit)a},
     component:
@@ -52,7 +52,7 @@ defmodule ArchitectureTest do
     # Drivers, and the bus as they see it. What is simulated behind it they cannot name.
     clock: {~w(BB.Clock.*), []},
     loop: {~w(BB.Loop), ~w(clock envelope unit telemetry)a},
-    bus: {~w(BB.Bus.*), ~w(clock errno)a},
+    bus: {~w(BB.Bus.*), ~w(clock errno process)a},
     simulation: {~w(BB.Bus.Sim.*), [:clock]},
     polled: {~w(BB.Sensor.Polled), ~w(sensor loop unit)a},
     driver:
@@ -74,12 +74,12 @@ defmodule ArchitectureTest do
     # What validates, replaces and reaches the software of a board.
     firmware:
       {~w(BB.Firmware.*),
-       ~w(facade sensor driver native_process handoff ring safety pub_sub envelope payload options)a},
+       ~w(facade sensor driver native_process handoff ring safety process pub_sub envelope payload options)a},
 
     # Composition.
     ganglion:
       {~w(Ganglion.*),
-       ~w(firmware errno facade sensor driver native_process handoff ring bus simulation safety parameter pub_sub path envelope payload math)a}
+       ~w(firmware errno facade sensor driver native_process handoff ring bus simulation safety process parameter pub_sub path envelope payload math)a}
   ]
 
   # What comes from outside, by the start of its name, and which of our modules may name it.

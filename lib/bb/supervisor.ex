@@ -22,7 +22,8 @@ defmodule BB.Supervisor do
   alias BB.Component.Resolution
   alias BB.Options.ValidationError
   alias BB.Parameter.Startup
-  alias BB.Supervisor.{Part, Successor}
+  alias BB.Process.Successor
+  alias BB.Supervisor.Part
 
   @options BB.Options.new!(
              params: [

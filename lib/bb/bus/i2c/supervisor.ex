@@ -1,14 +1,22 @@
 defmodule BB.Bus.I2C.Supervisor do
   @moduledoc """
-  Where the processes of shared buses live. They are started when they are needed; one that dies has taken its handles along, so it
-  is not started again before somebody opens the bus.
+  Where the processes of shared buses live. They are started when they are needed; one that dies
+  has taken its handles along, so it is not started again before somebody opens the bus.
+
+      BB.Bus.I2C.Supervisor        rest_for_one
+      ├── BB.Bus.I2C.Registry      finds them by backend and name
+      └── BB.Bus.I2C.Servers       a BB.Bus.I2C.Server for each open bus
   """
   use Supervisor
 
   alias BB.Bus.I2C.Server
+  alias BB.Process.Successor
 
   @registry BB.Bus.I2C.Registry
   @servers BB.Bus.I2C.Servers
+
+  # However often they are killed, the buses of the others come back.
+  @restarts [max_restarts: 1_000, max_seconds: 1]
 
   @doc false
   def start_link(_opts), do: Supervisor.start_link(__MODULE__, nil, name: __MODULE__)
@@ -26,10 +34,10 @@ defmodule BB.Bus.I2C.Supervisor do
   def init(nil) do
     Supervisor.init(
       [
-        {Registry, keys: :unique, name: @registry},
-        {DynamicSupervisor, name: @servers}
+        Successor.child_spec({Registry, keys: :unique, name: @registry}),
+        Successor.child_spec({DynamicSupervisor, name: @servers})
       ],
-      strategy: :rest_for_one
+      [strategy: :rest_for_one] ++ @restarts
     )
   end
 end
