@@ -2,8 +2,8 @@ defmodule BB.Safety do
   @moduledoc """
   Whether a robot may move, and what makes it safe again.
 
-  A robot is `:disarmed` when it starts. `arm/1` lets it move, `disarm/2` makes its hardware safe: it calls `disarm/1` of every
-  component that has one, all at once, and waits for them.
+  A robot is `:disarmed` when it starts. `arm/1` lets it move, `disarm/2` makes its hardware safe:
+  it calls `disarm/1` of every component that has one, all at once, and waits for them.
 
                 arm                    disarm, or the robot's tree ends
       :disarmed ───► :armed ──────────────────────────► :disarming
@@ -12,39 +12,56 @@ defmodule BB.Safety do
           └───────────────────── :error ◄────────────────────────┘
                  force_disarm
 
-  An actuator asks `armed?/1` at each command and does nothing unless it is true: that is a look-up, which takes a fraction of a
-  microsecond and waits for nobody. Each transition is published as `BB.StateMachine.Transition` on `[:state_machine]` and emitted as the telemetry
-  event `[:bb, :safety, :transition]`; each disarming is a telemetry span `[:bb, :safety, :disarm]`.
+  An actuator asks `armed?/1` at each command and does nothing unless it is true: that is a
+  look-up, which takes a fraction of a microsecond and waits for nobody. Each transition is
+  published as `BB.StateMachine.Transition` on `[:state_machine]` and emitted as the telemetry
+  event `[:bb, :safety, :transition]`; each disarming is a telemetry span `[:bb, :safety,
+  :disarm]`.
 
   ## Handlers
 
-  A component whose module has `disarm/1` is registered before its `init/1` is called, with the options that `init/1` gets.
-  `disarm/1` runs in a process of its own, with nothing but those options: its component may be dead, hang, or be the
-  cause of the trouble. So it opens the device anew, or talks to what has it open, and returns `:ok` only if the hardware is safe.
+  A component whose module has `disarm/1` is registered before its `init/1` is called, with the
+  options that `init/1` gets. `disarm/1` runs in a process of its own, with nothing but those
+  options: its component may be dead, hang, or be the cause of the trouble. So it opens the device
+  anew, or talks to what has it open, and returns `:ok` only if the hardware is safe.
 
-    * A handler outlives its process. It stays until a successor registers the same path or until its process is dead and its
-      `disarm/1` has run without a failure. So an actuator that is down at that moment is made safe as well.
+    * A handler outlives its process. It stays until a successor registers the same path or until
+      its process is dead and its `disarm/1` has run without a failure. So an actuator that is
+      down at that moment is made safe as well.
+    * A handler of a process outside of the robot's tree stays as long as that process lives,
+      however often the robot starts anew.
     * Who registers a path that is taken takes its place; no path has two handlers.
-    * Those who register while the robot is `:disarming` belong to the next disarming: their hardware was never armed.
-    * A handler may call the functions of this module. It gets `{:error, :already_disarming}` from `disarm/2`, and so on.
+    * Those who register while the robot is `:disarming` belong to the next disarming: their
+      hardware was never armed.
+    * A handler may call the functions of this module. It gets `{:error, :already_disarming}` from
+      `disarm/2`, and so on.
 
   ## When the robot ends
 
-  The death of the root supervisor or of the topology supervisor, however it comes, is a disarming for an armed robot: each
-  handler runs once. A robot that is stopped (`Supervisor.stop/1`, or with its application) is disarmed after its components have
-  ended, and the stop waits for it. One that is not armed has nothing to be made safe: no handler runs.
+  The death of the root supervisor or of the topology supervisor, however it comes, is a disarming
+  for an armed robot: each handler runs once. A robot that is stopped (`Supervisor.stop/1`, or
+  with its application) is disarmed after its components have ended, and the stop waits for it.
+  One that is not armed has nothing to be made safe: no handler runs.
 
-  A robot that starts anew while the one before it is `:disarming` is not armed until that is over. An `:error` stays too, until
-  `force_disarm/1`.
+  A robot that starts anew while the one before it is `:disarming` is not armed until that is
+  over. An `:error` stays too, until `force_disarm/1`.
 
-  What decides is a process for each robot outside the robot's tree (`BB.Safety.Warden`), so that no robot waits for
-  another's handlers. All that it knows is in ETS: when it is killed, states and handlers stay, and its successor continues
-  a disarming without calling a handler twice.
+  What decides is a process for each robot outside the robot's tree (`BB.Safety.Warden`), so that
+  no robot waits for another's handlers. All that it knows is in ETS: when it is killed, states
+  and handlers stay, and its successor continues a disarming without calling a handler twice.
+
+  ## When the application ends
+
+  The end of the application `:ganglion`, however it comes, is a disarming for every armed robot,
+  also for one that another application has started. Such a robot goes on, disarmed, and nobody
+  arms it before the application has been started again. What serves safety stands outside of the
+  application (`BB.Safety.Supervisor`), so that no bus, simulation or robot can take it down.
 
   ## What it cannot do
 
-  Software stops with the machine that runs it. When the whole VM is killed or the power fails, no handler runs. An
-  emergency stop that people rely on cuts the actuators' power by a circuit; this module is for everything before that.
+  Software stops with the machine that runs it. When the whole VM is killed or the power fails, no
+  handler runs. An emergency stop that people rely on cuts the actuators' power by a circuit; this
+  module is for everything before that.
   """
 
   alias BB.{Message, Path, PubSub}
@@ -58,6 +75,7 @@ defmodule BB.Safety do
           | :disarming
           | :in_error
           | :not_registered
+          | :not_running
           | {:inhibited, [{Path.t(), reason :: term()}, ...]}
 
   @doc """
@@ -79,10 +97,11 @@ defmodule BB.Safety do
   def state(robot), do: Table.state(robot)
 
   @doc """
-  The number of the robot's latest arming, 0 before the first: `{:ok, epoch}`, or `{:error, :not_registered}` for a robot that is not started.
+  The number of the robot's latest arming, 0 before the first: `{:ok, epoch}`, or `{:error,
+  :not_registered}` for a robot that is not started.
 
-  Each arming has a new one, greater than all before it. A command that carries the epoch in which it was thought out is recognised as
-  old when the robot was disarmed and armed since.
+  Each arming has a new one, greater than all before it. A command that carries the epoch in which
+  it was thought out is recognised as old when the robot was disarmed and armed since.
   """
   @spec epoch(module()) :: {:ok, non_neg_integer()} | {:error, :not_registered}
   def epoch(robot) do
@@ -96,19 +115,22 @@ defmodule BB.Safety do
     * `:disarming` - a disarming is under way
     * `:in_error` - a disarming failed; see `force_disarm/1`
     * `:not_registered` - the robot is not started
+    * `:not_running` - the application `:ganglion` is not running; start it again
     * `{:inhibited, [{path, reason}]}` - something forbids it; see `inhibit/3`
   """
   @spec arm(module()) :: :ok | {:error, arm_error()}
   def arm(robot), do: Warden.arm(robot)
 
   @doc """
-  Disarms the robot: calls all handlers at once, and returns when the last one is done or `timeout` milliseconds have passed.
+  Disarms the robot: calls all handlers at once, and returns when the last one is done or
+  `timeout` milliseconds have passed.
 
   `:ok` says that every handler returned `:ok`. Errors:
 
     * `:already_disarmed`, `:already_disarming`, `:already_in_error` - nothing was done
     * `:not_registered` - the robot is not started
-    * `{:disarm_failed, [{path, error}]}` - the hardware of those paths may not be safe. The robot is in `:error`. An error is
+    * `{:disarm_failed, [{path, error}]}` - the hardware of those paths may not be safe. The robot
+      is in `:error`. An error is
       * `{:returned_error, reason}` - the handler returned `{:error, reason}`; for anything else but `:ok` the reason is
         `{:bad_return_value, term}`
       * `{:exception, message}` - it raised
@@ -128,7 +150,8 @@ defmodule BB.Safety do
   def disarm(robot, opts \\ []), do: Warden.disarm(robot, timeout_ms!(opts))
 
   @doc """
-  Takes a robot out of `:error` to `:disarmed` without calling any handler. For a person who has seen that the hardware is safe.
+  Takes a robot out of `:error` to `:disarmed` without calling any handler. For a person who has
+  seen that the hardware is safe.
 
   Errors: `:not_in_error`, `:not_registered`.
   """
@@ -136,13 +159,16 @@ defmodule BB.Safety do
   def force_disarm(robot), do: Warden.force_disarm(robot)
 
   @doc """
-  Registers `module.disarm/1` for a path of a robot, in the place of what is registered for that path.
+  Registers `module.disarm/1` for a path of a robot, in the place of what is registered for that
+  path.
 
   Components do not call this: their server does. It is for hardware that no component stands for.
 
-  Options: `robot:` and `path:`, both required, and `opts:`, what the handler is called with (`[]`).
+  Options: `robot:` and `path:`, both required, and `opts:`, what the handler is called with
+  (`[]`).
 
-  A robot that is not started becomes known by this, with the calling process in the place of its root.
+  A robot that is not started becomes known by this, with the calling process in the place of its
+  root.
   """
   @spec register(module(), robot: module(), path: Path.t(), opts: keyword()) :: :ok
   def register(module, options) do
@@ -150,15 +176,21 @@ defmodule BB.Safety do
     robot = robot!(options[:robot])
     path = Path.validate!(options[:path])
     handler!(module)
-    unless Table.known?(robot), do: Warden.watch(robot, :component)
+    known!(robot)
     Table.register(robot, path, self(), module, options[:opts])
-    :ok
+
+    # Its robot may have ended meanwhile.
+    known!(robot)
   end
 
-  @doc """
-  Forbids arming, for as long as `allow/2` is not called for the same path, whatever dies meanwhile. `reason` is told to those who try.
+  defp known!(robot), do: if(Table.known?(robot), do: :ok, else: Warden.watch(robot, :component))
 
-  For what watches over the robot: an emergency stop that is pressed, a lid that is open. It does not disarm a robot that is armed:
+  @doc """
+  Forbids arming, for as long as `allow/2` is not called for the same path, whatever dies
+  meanwhile. `reason` is told to those who try.
+
+  For what watches over the robot: an emergency stop that is pressed, a lid that is open. It does
+  not disarm a robot that is armed:
 
       BB.Safety.inhibit(robot, path, :pressed)
       BB.Safety.disarm(robot)
@@ -181,15 +213,20 @@ defmodule BB.Safety do
   @doc """
   Takes back what `inhibit/3` forbade for this path, for as long as the calling process lives.
 
-  When that process ends, however it does, the path forbids arming again, with the reason `:unattended`, and a robot that is armed is
-  disarmed at once. There is no moment in between. So who watches over a robot calls this instead of `allow/2`: nobody arms the
-  robot, and it does not stay armed, while nobody watches. Its successor vouches anew. `allow/2` ends it.
+  When that process ends, however it does, the path forbids arming again, with the reason
+  `:unattended`, and a robot that is armed is disarmed at once. There is no moment in between. So
+  who watches over a robot calls this instead of `allow/2`: nobody arms the robot, and it does not
+  stay armed, while nobody watches. Its successor vouches anew. `allow/2` ends it.
+
+  It makes no difference whether the process belongs to the robot, whether it vouched before the
+  robot was started, and how often the robot has been started since.
 
       BB.Safety.inhibit(robot, path, :starting)
       …
       BB.Safety.vouch(robot, path)
 
-  A robot that is not started becomes known by this, with the calling process in the place of its root.
+  A robot that is not started becomes known by this, with the calling process in the place of its
+  root.
   """
   @spec vouch(module(), Path.t()) :: :ok
   def vouch(robot, path), do: Warden.vouch(robot!(robot), Path.validate!(path))
@@ -199,7 +236,8 @@ defmodule BB.Safety do
   def inhibitions(robot), do: Table.inhibitions(robot!(robot))
 
   @doc """
-  Publishes that hardware is at fault, as `BB.Safety.HardwareError` on `[:safety, :error]`. What follows from it is the subscribers' choice.
+  Publishes that hardware is at fault, as `BB.Safety.HardwareError` on `[:safety, :error]`. What
+  follows from it is the subscribers' choice.
 
   Raises `ArgumentError` when the robot is not started.
   """

@@ -1,45 +1,71 @@
 defmodule Ganglion.Application do
-  @moduledoc false
+  @moduledoc """
+  What runs in a VM with Ganglion, and who ends with whom.
+
+      outside of any application:
+      BB.Safety.Supervisor                  see there
+      ├── BB.Safety.Wardens                 a warden for each robot
+      └── BB.Safety.Host                    watches this application
+
+      Ganglion.Supervisor                   one_for_one
+      ├── ▌ BB.Safety.Anchor                starts BB.Safety.Supervisor again
+      ├── ▌ BB.Bus.Sim.Registry             names of simulated buses
+      ├── ▌ BB.Bus.Sim.GPIO.Registry        names of simulated chips of lines
+      ├── ▌ BB.Bus.I2C.Supervisor           see there
+      ├── ▌ BB.Bus.Sim                      if simulated_buses: is configured
+      ├── ▌ BB.Firmware.Supervisor          if robot: is configured
+      │     ├── BB.Firmware.Provisioning    once
+      │     ├── ▌ BB.Firmware.Guard
+      │     ├── ▌ BB.Firmware.Gate
+      │     └── ▌ BB.Firmware.Network
+      └── ▌ the robot                       if robot: is configured; see BB.Supervisor
+
+  ▌ is a bulkhead (`BB.Process.Bulkhead`): what fails behind it is started again there and fails
+  nobody else. So the application ends when it is stopped, or when Ganglion.Supervisor or the
+  process above it is killed. All armed robots are disarmed then, also those that others have
+  started (`BB.Safety.Host`); the others' robots go on, disarmed, and can be armed when the
+  application has been started again.
+
+  Who watches over the robot starts before it and ends after it.
+  """
+
   use Application
 
-  alias BB.Firmware.{Gate, Guard, Network, Provisioning}
+  alias BB.Process.Bulkhead
+  alias BB.Safety
+
+  # All children are bulkheads, which end only when they are killed.
+  @restarts [max_restarts: 1_000, max_seconds: 1]
 
   @impl Application
   def start(_type, _args) do
-    # Here, so that the tables belong to the application's own process.
-    BB.Safety.Table.create()
+    Safety.Host.enter()
 
-    children =
-      [
-        BB.Safety.Supervisor,
-        {Registry, keys: :unique, name: BB.Bus.Sim.Registry},
-        {Registry, keys: :unique, name: BB.Bus.Sim.GPIO.Registry},
-        BB.Bus.I2C.Supervisor
-      ] ++
-        simulation(Application.get_env(:ganglion, :simulated_buses)) ++
-        robot(Application.get_env(:ganglion, :robot))
-
-    Supervisor.start_link(children, strategy: :one_for_one, name: Ganglion.Supervisor)
+    (always() ++ simulation(configured(:simulated_buses)) ++ robot(configured(:robot)))
+    |> Enum.map(&Bulkhead.child_spec/1)
+    |> Supervisor.start_link([strategy: :one_for_one, name: Ganglion.Supervisor] ++ @restarts)
   end
 
   @impl Application
   def prep_stop(state) do
-    BB.Safety.Supervisor.secure()
+    Safety.Host.leave()
     state
+  end
+
+  defp always do
+    [
+      Safety.Anchor,
+      {Registry, keys: :unique, name: BB.Bus.Sim.Registry},
+      {Registry, keys: :unique, name: BB.Bus.Sim.GPIO.Registry},
+      BB.Bus.I2C.Supervisor
+    ]
   end
 
   defp simulation(nil), do: []
   defp simulation(buses), do: [{BB.Bus.Sim, buses: buses}]
 
-  # What watches over the robot starts before it.
   defp robot(nil), do: []
+  defp robot(robot), do: [{BB.Firmware.Supervisor, robot: robot}, robot]
 
-  defp robot(robot) do
-    watchers =
-      for module <- [Guard, Gate, Network], do: {module, [robot: robot] ++ options(module)}
-
-    [Provisioning] ++ watchers ++ [robot]
-  end
-
-  defp options(module), do: Application.get_env(:ganglion, module, [])
+  defp configured(key), do: Application.get_env(:ganglion, key)
 end

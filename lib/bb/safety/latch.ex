@@ -2,8 +2,9 @@ defmodule BB.Safety.Latch do
   @moduledoc """
   Holds the end of a robot that is stopped until it is disarmed.
 
-  It stands in the robot's root supervisor before the topology, and so is stopped after it: when `Supervisor.stop/1` returns, or
-  the machine goes down, no component runs any more and every `disarm/1` is done.
+  It stands in the robot's root supervisor before the topology, and so is stopped after it: when
+  `Supervisor.stop/1` returns, or the machine goes down, no component runs any more and every
+  `disarm/1` is done.
   """
 
   use GenServer, shutdown: :infinity

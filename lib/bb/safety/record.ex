@@ -7,8 +7,8 @@ defmodule BB.Safety.Record do
     * `:root`, `:topology` - the processes whose death ends an arming; `nil` while there is none
     * `:round` - the disarming under way
     * `:failures` - what the latest disarming could not make safe
-    * `:by` - the request that led to this state. One that is repeated, because the process that carried it out died before it
-      answered, finds itself here and is not carried out twice
+    * `:by` - the request that led to this state. One that is repeated, because the process that
+      carried it out died before it answered, finds itself here and is not carried out twice
   """
 
   alias BB.Safety.Round
@@ -31,11 +31,17 @@ defmodule BB.Safety.Record do
         }
 
   @doc """
-  Arms it, with a new `epoch`. At a repeated request `seen` is the epoch before the first attempt: when it has passed, that
-  attempt or another's succeeded and may have been undone since, so this one does nothing.
+  Arms it, with a new `epoch`. At a repeated request `seen` is the epoch before the first attempt:
+  when it has passed, that attempt or another's succeeded and may have been undone since, so this
+  one does nothing. `:not_running` forbids it like an inhibition.
   """
-  @spec arm(t(), reference(), :first | :error | non_neg_integer(), pos_integer(), list()) ::
-          {:ok, t()} | {:error, term()}
+  @spec arm(
+          t(),
+          reference(),
+          :first | :error | non_neg_integer(),
+          pos_integer(),
+          list() | :not_running
+        ) :: {:ok, t()} | {:error, term()}
   def arm(%{by: ref} = record, ref, _seen, _epoch, _inhibitions), do: {:ok, record}
 
   def arm(%{state: :disarmed, root: nil}, _ref, _seen, _epoch, _inhibitions),
@@ -48,6 +54,8 @@ defmodule BB.Safety.Record do
   def arm(%{state: :disarmed} = record, ref, _seen, epoch, []),
     do: {:ok, %{record | state: :armed, epoch: epoch, by: ref, failures: []}}
 
+  def arm(%{state: :disarmed}, _ref, _seen, _epoch, :not_running), do: {:error, :not_running}
+
   def arm(%{state: :disarmed}, _ref, _seen, _epoch, inhibitions),
     do: {:error, {:inhibited, inhibitions}}
 
@@ -56,7 +64,8 @@ defmodule BB.Safety.Record do
   def arm(%{state: :error}, _ref, _seen, _epoch, _inhibitions), do: {:error, :in_error}
 
   @doc """
-  What a request to disarm comes to: `:begin`, `:wait` for the round that it began already, or an answer.
+  What a request to disarm comes to: `:begin`, `:wait` for the round that it began already, or an
+  answer.
   """
   @spec disarm(t(), reference()) :: :begin | :wait | :ok | {:error, term()}
   def disarm(%{state: :armed}, _ref), do: :begin
@@ -96,6 +105,11 @@ defmodule BB.Safety.Record do
   @spec enter(t(), role(), pid()) :: t()
   def enter(record, :root, pid), do: %{record | root: pid, topology: nil}
   def enter(record, :topology, pid), do: %{record | topology: pid}
+
+  @doc "The processes with a role."
+  @spec watched(t()) :: [{role(), pid()}]
+  def watched(record),
+    do: for(role <- [:root, :topology], pid = Map.fetch!(record, role), do: {role, pid})
 
   @doc "Nothing is left to watch, and nothing to remember."
   @spec over?(t()) :: boolean()

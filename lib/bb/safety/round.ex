@@ -2,9 +2,10 @@ defmodule BB.Safety.Round do
   @moduledoc """
   One disarming: all handlers at once, each in a process of its own, until a common deadline.
 
-  Each handler has a row in `BB.Safety.Table`: its turn. A process takes the turn before it calls the handler, which only one can
-  do, and leaves the outcome there. So whoever continues a round, because the process that began it died, finds what was done,
-  waits for what is being done, and calls no handler twice.
+  Each handler has a row in `BB.Safety.Table`: its turn. A process takes the turn before it calls
+  the handler, which only one can do, and leaves the outcome there. So whoever continues a round,
+  because the process that began it died, finds what was done, waits for what is being done, and
+  calls no handler twice.
   """
 
   alias BB.Safety.Table
@@ -83,8 +84,9 @@ defmodule BB.Safety.Round do
   def work(key, module, opts), do: Table.claim(key) and Table.settle(key, call(module, opts))
 
   @doc """
-  Ends a round: its failures, by path. Handlers that are not done by now are killed and count as failures. Those that were done
-  without a failure, and whose process has ended, are handlers no longer.
+  Ends a round: its failures, by path. Handlers that are not done by now are killed and count as
+  failures. Those that were done without a failure, and whose process has ended, are handlers no
+  longer.
   """
   @spec close(t(), module()) :: [failure()]
   def close(round, robot) do

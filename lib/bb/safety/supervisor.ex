@@ -1,46 +1,58 @@
 defmodule BB.Safety.Supervisor do
   @moduledoc """
-  The processes of `BB.Safety`, outside of all robots:
+  The processes of `BB.Safety`, outside of all robots and of all applications:
 
       BB.Safety.Supervisor        rest_for_one
       ├── BB.Safety.Wardens       a BB.Safety.Warden for each robot
+      ├── BB.Safety.Host          watches the application, whose end disarms all robots
       └── resume                  starts a warden again for each robot with a record, and ends
 
-  Nothing here holds what it knows, so that nothing is lost with it (`BB.Safety.Table`). The application that has this among its
-  children calls `secure/0` in its `prep_stop/1`.
+  No supervisor stands above it, so none can take it down: it is there from the first start of the
+  application until the end of the VM. `BB.Safety.Anchor`, in the application, starts it again
+  when it is killed. Nothing here holds what it knows, so that nothing is lost with it
+  (`BB.Safety.Table`).
   """
 
   use Supervisor
 
-  alias BB.Safety.{Table, Warden}
+  alias BB.Safety.{Host, Table, Warden}
 
   # However often wardens are killed, the others stay.
   @restarts [max_restarts: 1_000, max_seconds: 1]
 
-  @doc "Starts them."
-  @spec start_link(keyword()) :: Supervisor.on_start()
-  def start_link(_opts), do: Supervisor.start_link(__MODULE__, [], name: __MODULE__)
+  @doc "Starts safety, unless it runs. It does not end with the calling process."
+  @spec start() :: :ok
+  def start do
+    unless Process.whereis(__MODULE__) do
+      {pid, ref} = spawn_monitor(&start_apart/0)
+      receive do: ({:DOWN, ^ref, :process, ^pid, _reason} -> :ok)
+    end
+
+    :ok
+  end
+
+  # An application that ends kills all processes of its group, so this one belongs to the group of
+  # the VM.
+  defp start_apart do
+    Process.group_leader(self(), Process.whereis(:init))
+
+    with {:ok, pid} <- Supervisor.start_link(__MODULE__, [], name: __MODULE__),
+         do: Process.unlink(pid)
+  end
 
   @impl Supervisor
   def init(_opts) do
     Table.create()
     await_end(Process.whereis(BB.Safety.Wardens))
+    await_end(Process.whereis(Host))
 
     children = [
       {DynamicSupervisor, [name: BB.Safety.Wardens, strategy: :one_for_one] ++ @restarts},
+      Host,
       %{id: :resume, start: {Task, :start_link, [__MODULE__, :resume, []]}, restart: :transient}
     ]
 
     Supervisor.init(children, [strategy: :rest_for_one] ++ @restarts)
-  end
-
-  @doc "Disarms all robots that are armed, at once, and waits for it. For the end of the application, and so of the machine."
-  @spec secure() :: :ok
-  def secure do
-    for record <- Table.records(), {_pid, ref} = spawn_monitor(Warden, :secure, [record.robot]) do
-      ref
-    end
-    |> Enum.each(fn ref -> receive do: ({:DOWN, ^ref, :process, _pid, _reason} -> :ok) end)
   end
 
   # What a predecessor that was killed has left behind has the name still.

@@ -1,13 +1,18 @@
 defmodule BB.Safety.Table do
   @moduledoc """
-  Where safety is kept: two ETS tables, so that whoever asks waits for nobody and a process that dies takes nothing with it.
+  Where safety is kept: two ETS tables, so that whoever asks waits for nobody and a process that
+  dies takes nothing with it.
 
-  They belong to the process that calls `create/0`: the application's own, which lives as long as the application and runs
-  none of our code after its start.
+  They last as long as the VM: when the process that made them ends, they go to the application
+  controller, which ends with the VM alone. So nothing is lost with any application, supervisor or
+  warden.
 
     * `BB.Safety.Records` - `{robot, state, epoch, record}`, written by the robot's warden only
-    * `BB.Safety.Entries` - `{{:handler, robot, path}, owner, module, opts, id}`, `{{:inhibition, robot, path}, reason, voucher}` and
-      `{{:run, robot, round, n}, holder, outcome, handler}`
+    * `BB.Safety.Entries` - what others write too:
+        * `{{:handler, robot, path}, owner, module, opts, id}`
+        * `{{:inhibition, robot, path}, reason, voucher}`
+        * `{{:run, robot, round, n}, holder, outcome, handler}`
+        * `{:host, pid}`
   """
 
   alias BB.Safety.Record
@@ -26,20 +31,51 @@ defmodule BB.Safety.Table do
            handler()}
   @type run_key :: {:run, module(), round :: integer(), non_neg_integer()}
 
-  @doc "Makes the tables, unless they are there."
+  @doc "Makes the tables, unless they are there. To be called by one process at a time."
   @spec create() :: :ok
   def create do
-    unless running?() do
-      @records = :ets.new(@records, [:named_table, :public, read_concurrency: true])
-      @entries = :ets.new(@entries, [:named_table, :public, :ordered_set])
-    end
+    create(@records, [:set, read_concurrency: true])
+    create(@entries, [:ordered_set])
+  end
+
+  defp create(name, options) do
+    heir = {:heir, Process.whereis(:application_controller), __MODULE__}
+
+    if :ets.whereis(name) == :undefined,
+      do: :ets.new(name, [:named_table, :public, heir | options])
 
     :ok
   end
 
-  @doc "Whether the tables are there."
-  @spec running?() :: boolean()
-  def running?, do: :ets.whereis(@entries) != :undefined
+  @doc "Whether the tables are there: safety was started in this VM."
+  @spec created?() :: boolean()
+  def created?, do: :ets.whereis(@entries) != :undefined
+
+  # The host
+
+  @doc "Keeps the process of the application that safety serves."
+  @spec put_host(pid()) :: true
+  def put_host(pid), do: :ets.insert(@entries, {:host, pid})
+
+  @doc "Removes the host, if it is that process."
+  @spec remove_host(pid()) :: true
+  def remove_host(pid), do: :ets.delete_object(@entries, {:host, pid})
+
+  @doc "The host, dead or alive."
+  @spec host() :: pid() | nil
+  def host do
+    case :ets.lookup(@entries, :host) do
+      [{:host, pid}] -> pid
+      [] -> nil
+    end
+  end
+
+  @doc "Whether there is a living host."
+  @spec hosted?() :: boolean()
+  def hosted? do
+    pid = host()
+    is_pid(pid) and Process.alive?(pid)
+  end
 
   # Records
 
@@ -61,7 +97,7 @@ defmodule BB.Safety.Table do
 
   @doc "Whether it has a record."
   @spec known?(module()) :: boolean()
-  def known?(robot), do: running?() and :ets.member(@records, robot)
+  def known?(robot), do: created?() and :ets.member(@records, robot)
 
   @doc "The records of all robots."
   @spec records() :: [Record.t()]
@@ -80,12 +116,14 @@ defmodule BB.Safety.Table do
   @spec put(Record.t()) :: true
   def put(record), do: :ets.insert(@records, {record.robot, record.state, record.epoch, record})
 
-  @doc "Forgets a robot: its record, then its handlers. What inhibits arming stays."
+  @doc """
+  Forgets a robot: its record, then the handlers whose processes have ended. Those of living
+  processes stay, which are outside of the robot's tree, and so does what inhibits arming.
+  """
   @spec forget(module()) :: :ok
   def forget(robot) do
     :ets.delete(@records, robot)
-    for handler <- handlers(robot), do: :ets.delete_object(@entries, handler)
-    :ok
+    sweep(robot)
   end
 
   # Handlers
@@ -108,22 +146,48 @@ defmodule BB.Safety.Table do
     :ok
   end
 
-  # Inhibitions
+  @doc "Releases all handlers of a robot."
+  @spec sweep(module()) :: :ok
+  def sweep(robot), do: Enum.each(handlers(robot), &release/1)
 
-  @doc "Keeps what inhibits arming, for a path."
+  # Inhibitions: `{:because, reason}` or `:none`, and the process that vouches for the path, or
+  # `:nobody`.
+
+  @doc "Keeps what inhibits arming, for a path. Who vouches for it does so still."
   @spec inhibit(module(), [atom()], term()) :: true
-  def inhibit(robot, path, reason),
-    do: :ets.insert(@entries, {{:inhibition, robot, path}, reason, :nobody})
+  def inhibit(robot, path, reason) do
+    key = {:inhibition, robot, path}
+    because = {:because, reason}
+
+    :ets.update_element(@entries, key, {2, because}) or
+      :ets.insert_new(@entries, {key, because, :nobody}) or inhibit(robot, path, reason)
+  end
 
   @doc "Keeps that a path inhibits nothing while a process lives, and from its end on does."
   @spec vouch(module(), [atom()], pid()) :: true
   def vouch(robot, path, pid),
-    do: :ets.insert(@entries, {{:inhibition, robot, path}, :unattended, pid})
+    do: :ets.insert(@entries, {{:inhibition, robot, path}, :none, pid})
 
-  @doc "The processes that vouch for paths."
+  @doc "The processes that vouch for paths, dead ones too until `unattended/3`."
   @spec vouchers(module()) :: [{[atom()], pid()}]
   def vouchers(robot) do
     for {{_, _, path}, _reason, pid} when is_pid(pid) <- inhibition_rows(robot), do: {path, pid}
+  end
+
+  @doc "Whether that process vouches for a path still: nobody vouches in its place."
+  @spec voucher?(module(), [atom()], pid()) :: boolean()
+  def voucher?(robot, path, pid), do: {path, pid} in vouchers(robot)
+
+  @doc "Keeps that the process that vouched for a path has ended. A successor's row stays."
+  @spec unattended(module(), [atom()], pid()) :: non_neg_integer()
+  def unattended(robot, path, pid) do
+    key = {:inhibition, robot, path}
+    row = fn reason, voucher -> {{{:const, key}, reason, voucher}} end
+
+    :ets.select_replace(@entries, [
+      {{key, :none, pid}, [], [row.({:const, {:because, :unattended}}, :nobody)]},
+      {{key, :"$1", pid}, [], [row.(:"$1", :nobody)]}
+    ])
   end
 
   @doc "Removes it."
@@ -133,14 +197,15 @@ defmodule BB.Safety.Table do
   @doc "What inhibits arming, by path."
   @spec inhibitions(module()) :: [{[atom()], term()}]
   def inhibitions(robot) do
-    for {{_, _, path}, reason, voucher} <- inhibition_rows(robot),
-        voucher == :nobody or not Process.alive?(voucher),
+    for {{_, _, path}, inhibition, voucher} <- inhibition_rows(robot),
+        {:because, reason} <- [because(inhibition, voucher)],
         do: {path, reason}
   end
 
-  @doc "Whether anything is kept for a path: that it inhibits arming, or that a process vouches for it."
-  @spec watched?(module(), [atom()]) :: boolean()
-  def watched?(robot, path), do: :ets.member(@entries, {:inhibition, robot, path})
+  defp because(:none, voucher) when is_pid(voucher),
+    do: if(Process.alive?(voucher), do: :none, else: {:because, :unattended})
+
+  defp because(inhibition, _voucher), do: inhibition
 
   defp inhibition_rows(robot),
     do: :ets.match_object(@entries, {{:inhibition, robot, :_}, :_, :_})

@@ -1,12 +1,16 @@
 defmodule BB.Safety.Warden do
   @moduledoc """
-  Decides about one robot's safety, and runs its disarmings. It stands outside the robot's own processes and watches them.
+  Decides about one robot's safety, and runs its disarmings. It stands outside the robot's own
+  processes and watches them.
 
-  It holds nothing that is not in `BB.Safety.Table`: one that is killed has a successor, which goes on where it stopped, also in
-  the midst of a disarming. It calls no code of a user's but telemetry handlers, after a disarming has begun; `disarm/1` callbacks
-  run in processes of their own.
+  It holds nothing that is not in `BB.Safety.Table`: one that is killed has a successor, which
+  goes on where it stopped, also in the midst of a disarming. It calls no code of a user's but
+  telemetry handlers, after a disarming has begun; `disarm/1` callbacks run in processes of their
+  own.
 
-  It is there from the start of the robot until the robot has ended and is disarmed.
+  It is there from the start of the robot until the robot has ended and is disarmed. Whom it
+  watches follows from the tables alone (`attend/1`), by whatever way it or those whom it watches
+  have come: root and topology supervisor, and who vouches for a path.
   """
 
   use GenServer, restart: :transient
@@ -29,23 +33,28 @@ defmodule BB.Safety.Warden do
   def default_timeout_ms, do: @timeout_ms
 
   @doc """
-  Has the calling process watched: a robot's `:root` or `:topology`, whose end disarms the robot. A `:component` stands in for the
-  root of a robot that has none, as one does that is started alone.
+  Has the calling process watched: a robot's `:root` or `:topology`, whose end disarms the robot.
+  A `:component` stands in for the root of a robot that has none, as one does that is started
+  alone.
   """
   @spec watch(module(), role()) :: :ok
   def watch(robot, role) do
-    unless Table.running?(),
+    unless Table.created?(),
       do: raise("BB.Safety is not running: start the application :ganglion before a robot")
 
-    persist(fn _attempt -> watched_by(robot, role, self()) end)
+    pid = self()
+    persist(fn _attempt -> watched_by(robot, role, pid) end)
   end
 
   @doc "Has the calling process vouch for a path: from its end on that path inhibits arming, and an armed robot is disarmed."
   @spec vouch(module(), [atom()]) :: :ok
   def vouch(robot, path) do
-    unless Table.known?(robot), do: watch(robot, :component)
     pid = self()
-    persist(fn _attempt -> GenServer.call(name(robot), {:vouch, path, pid}, :infinity) end)
+
+    persist(fn _attempt ->
+      unless Table.known?(robot), do: watch(robot, :component)
+      GenServer.call(name(robot), {:vouch, path, pid}, :infinity)
+    end)
   end
 
   @doc "Arms the robot."
@@ -96,15 +105,16 @@ defmodule BB.Safety.Warden do
     :exit, reason ->
       if System.monotonic_time(:millisecond) > until_ms, do: exit(reason)
       Process.sleep(@again_ms)
+      BB.Safety.Supervisor.start()
       persist(fun, attempt + 1, until_ms)
   end
 
   # The process
 
   @doc """
-  Starts the warden of a robot, for which `pid` has a role. `:ignore` when it runs: its supervisor may have started it anew before
-  someone who needs it could, or the other way round, and neither is a failure. One that a killed supervisor has left behind
-  is about to end, and is waited for.
+  Starts the warden of a robot, for which `pid` has a role. `:ignore` when it runs: its supervisor
+  may have started it anew before someone who needs it could, or the other way round, and neither
+  is a failure. One that a killed supervisor has left behind is about to end, and is waited for.
   """
   @spec start_link({module(), role() | :nobody, pid() | nil}) :: GenServer.on_start()
   def start_link({robot, _role, _pid} = argument) do
@@ -147,21 +157,10 @@ defmodule BB.Safety.Warden do
     end
   end
 
-  # What another process began: it is watched again, and a round is continued.
+  # What another process began: who was watched is watched again, and a round is continued.
   defp go_on(%{record: record} = warden) do
     Table.clear_runs(record.robot, record.round && record.round.id)
-
-    for role <- [:root, :topology], pid = Map.fetch!(record, role), reduce: warden do
-      warden -> monitor(warden, role, pid)
-    end
-    |> watch_vouchers()
-    |> run()
-  end
-
-  defp watch_vouchers(warden) do
-    for {path, pid} <- Table.vouchers(warden.record.robot), reduce: warden do
-      warden -> monitor(warden, {:voucher, path}, pid)
-    end
+    warden |> attend() |> run()
   end
 
   @impl GenServer
@@ -172,15 +171,15 @@ defmodule BB.Safety.Warden do
     do: {:reply, :ok, watch_role(warden, role, pid)}
 
   def handle_call({:vouch, path, pid}, _from, %{record: record} = warden) do
-    warden = warden |> unwatched({:voucher, path}) |> monitor({:voucher, path}, pid)
     Table.vouch(record.robot, path, pid)
-    {:reply, :ok, warden}
+    {:reply, :ok, attend(warden)}
   end
 
   def handle_call({:arm, ref, seen}, _from, %{record: record} = warden) do
     epoch = System.unique_integer([:positive, :monotonic])
+    forbidden = if Table.hosted?(), do: Table.inhibitions(record.robot), else: :not_running
 
-    case Record.arm(record, ref, seen, epoch, Table.inhibitions(record.robot)) do
+    case Record.arm(record, ref, seen, epoch, forbidden) do
       {:ok, record} -> {:reply, :ok, become(warden, record)}
       {:error, reason} -> {:reply, {:error, reason}, warden}
     end
@@ -220,11 +219,13 @@ defmodule BB.Safety.Warden do
     end
   end
 
-  def handle_info({:DOWN, ref, :process, _pid, _reason}, warden) do
-    case Map.pop(warden.watched, ref) do
-      {nil, _} -> noreply(warden)
-      {{:voucher, path}, watched} -> noreply(unvouched(%{warden | watched: watched}, path))
-      {role, watched} -> noreply(lost(%{warden | watched: watched}, role))
+  def handle_info({:DOWN, ref, :process, pid, _reason}, warden) do
+    case Enum.find(warden.watched, &match?({_watched, ^ref}, &1)) do
+      {{role, ^pid} = gone, ^ref} ->
+        noreply(lost(%{warden | watched: Map.delete(warden.watched, gone)}, role, pid))
+
+      nil ->
+        noreply(warden)
     end
   end
 
@@ -235,8 +236,8 @@ defmodule BB.Safety.Warden do
 
   # Who is watched
 
-  # Who takes the place of another that is watched brings the news of its death. What follows from that is kept before the
-  # new one is, so that nothing is forgotten when the warden dies here.
+  # Who takes the place of another that is watched brings the news of its death. What follows from
+  # that is kept before the new one is, so that nothing is forgotten when the warden dies here.
 
   defp watch_role(%{record: %{root: nil}} = warden, :component, pid),
     do: watch_role(warden, :root, pid)
@@ -251,39 +252,40 @@ defmodule BB.Safety.Warden do
     end
   end
 
+  # Handlers that nobody's end has removed: of components that were started alone, or outlived
+  # their robot.
   defp enter(%{record: record} = warden, role, pid) do
-    if role == :root and record.state == :disarmed, do: sweep(record.robot)
-
-    warden
-    |> become(Record.enter(record, role, pid))
-    |> unwatched(role)
-    |> monitor(role, pid)
+    if role == :root and record.state == :disarmed, do: Table.sweep(record.robot)
+    become(warden, Record.enter(record, role, pid))
   end
 
-  # Handlers that nobody's end has removed: of components that were started alone, or outlived their robot.
-  defp sweep(robot), do: Enum.each(Table.handlers(robot), &Table.release/1)
+  # The one place where anybody is watched.
+  defp attend(%{record: record, watched: watched} = warden) do
+    wanted = Record.watched(record) ++ vouchers(record.robot)
+    {kept, dropped} = Map.split(watched, wanted)
+    for {_who, ref} <- dropped, do: Process.demonitor(ref, [:flush])
 
-  defp unwatched(warden, role) do
-    {watched, kept} =
-      Enum.split_with(warden.watched, fn {_ref, r} -> r == role or role == :root end)
+    new =
+      for {_role, pid} = who <- wanted, not is_map_key(kept, who), do: {who, Process.monitor(pid)}
 
-    for {ref, _role} <- watched, do: Process.demonitor(ref, [:flush])
-    %{warden | watched: Map.new(kept)}
+    %{warden | watched: Map.merge(kept, Map.new(new))}
   end
 
-  defp monitor(warden, role, pid),
-    do: %{warden | watched: Map.put(warden.watched, Process.monitor(pid), role)}
+  defp vouchers(robot), do: for({path, pid} <- Table.vouchers(robot), do: {{:voucher, path}, pid})
 
-  defp lost(warden, role) do
+  # The table keeps that it has ended after it keeps what follows from that, so that a successor
+  # finds what is still to be done.
+  defp lost(warden, {:voucher, path} = role, pid) do
+    robot = warden.record.robot
+    vouched? = Table.voucher?(robot, path, pid)
+    warden = if vouched?, do: disarm(warden, nil, @timeout_ms, {role, :ended}), else: warden
+    Table.unattended(robot, path, pid)
+    attend(warden)
+  end
+
+  defp lost(warden, role, _pid) do
     warden = disarm(warden, nil, @timeout_ms, {role, :ended})
     become(warden, Map.put(warden.record, role, nil))
-  end
-
-  # Somebody may have said meanwhile that nobody need watch.
-  defp unvouched(warden, path) do
-    if Table.watched?(warden.record.robot, path),
-      do: disarm(warden, nil, @timeout_ms, {{:voucher, path}, :ended}),
-      else: warden
   end
 
   # Disarming
@@ -333,7 +335,7 @@ defmodule BB.Safety.Warden do
   defp become(%{record: old} = warden, record) do
     Table.put(record)
     if old.state != record.state, do: Announcer.transition(old, record)
-    %{warden | record: record}
+    attend(%{warden | record: record})
   end
 
   # Returning: a robot that has ended and is disarmed needs nobody.

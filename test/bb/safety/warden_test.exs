@@ -124,6 +124,32 @@ defmodule BB.Safety.WardenTest do
     assert_forgotten(robot)
   end
 
+  test "the stop of an armed robot returns after the slowest handler" do
+    {robot, root} = start()
+    {_id, latch, _, _} = root |> Supervisor.which_children() |> List.keyfind(BB.Safety.Latch, 0)
+    done = :counters.new(1, [])
+
+    # It goes on when the stop waits for it, or does not wait any more.
+    Brake.script(robot, @a,
+      disarm: fn _opts ->
+        eventually(fn -> waits?(latch) or not Process.alive?(root) end, 30_000)
+        :counters.add(done, 1, if(Process.alive?(root), do: 1, else: 0))
+      end
+    )
+
+    :ok = Safety.arm(robot)
+    Supervisor.stop(root)
+    assert :counters.get(done, 1) == 1
+    assert runs(robot) == {1, 1}
+  end
+
+  defp waits?(pid) do
+    case Process.info(pid, :current_stacktrace) do
+      {:current_stacktrace, frames} -> Enum.any?(frames, &(elem(&1, 0) == BB.Safety.Warden))
+      nil -> false
+    end
+  end
+
   for blow <- [:topology, :root, :stop] do
     @blow blow
 
@@ -209,6 +235,102 @@ defmodule BB.Safety.WardenTest do
     assert_up_again(robot)
     assert Safety.disarm(robot) == :ok
     assert runs(robot) == {2, 2}
+  end
+
+  describe "who is outside of the robot's tree" do
+    for {how, blow} <- [
+          "was stopped and started": :stop,
+          "was killed and started": :root,
+          "has a topology that was killed": :topology
+        ] do
+      test "and vouched before the robot was started is watched, also when it #{how}" do
+        robot = with_brakes()
+        voucher = act_apart(fn -> Safety.vouch(robot, [:lid]) end)
+        {^robot, root} = start(robot)
+        strike(unquote(blow), root)
+        if unquote(blow) != :topology, do: start(robot)
+        assert eventually(fn -> Safety.arm(robot) == :ok end, 30_000)
+        end_process(voucher, :kill)
+        assert eventually(fn -> Safety.state(robot) == :disarmed end, 30_000)
+        assert Safety.inhibitions(robot) == [{[:lid], :unattended}]
+      end
+
+      test "and registered a handler finds it called once, also when the robot #{how}" do
+        robot = with_brakes()
+        Brake.register_apart(robot, [:before])
+        {^robot, root} = start(robot)
+        Brake.register_apart(robot, [:while])
+        strike(unquote(blow), root)
+        if unquote(blow) != :topology, do: start(robot)
+        assert eventually(fn -> Safety.arm(robot) == :ok end, 30_000)
+        assert Safety.disarm(robot) == :ok
+        assert {Brake.runs(robot, [:before]), Brake.runs(robot, [:while])} == {1, 1}
+      end
+    end
+
+    test "and vouches while the warden ends is known by its successor" do
+      robot = with_brakes()
+
+      # Each makes the robot known and ends, which lets its warden end, while the next one comes.
+      vouchers = for n <- 1..50, do: act_apart(fn -> Safety.vouch(robot, [:"lid_#{n}"]) end)
+      for voucher <- vouchers, do: spawn(fn -> Process.exit(voucher, :kill) end)
+      last = act_apart(fn -> Safety.vouch(robot, [:last]) end)
+      for n <- 1..50, do: Safety.allow(robot, [:"lid_#{n}"])
+      start(robot)
+      assert eventually(fn -> Safety.arm(robot) == :ok end, 30_000)
+      end_process(last, :kill)
+      assert eventually(fn -> Safety.state(robot) == :disarmed end, 30_000)
+    end
+
+    test "and ends while the robot is not started has no handler any more" do
+      robot = with_brakes()
+      owner = Brake.register_apart(robot, [:outside])
+      {^robot, root} = start(robot)
+      Supervisor.stop(root)
+      assert_forgotten(robot)
+      end_process(owner, :kill)
+      start(robot)
+      assert eventually(fn -> Safety.arm(robot) == :ok end, 30_000)
+      :ok = Safety.disarm(robot)
+      assert Brake.runs(robot, [:outside]) == 0
+      assert runs(robot) == {1, 1}
+    end
+
+    test "and vouches is watched although somebody forbade arming and the warden was killed" do
+      {robot, _root} = start()
+      voucher = act_apart(fn -> Safety.vouch(robot, [:lid]) end)
+      :ok = Safety.arm(robot)
+      :ok = Safety.inhibit(robot, [:lid], :open)
+      kill_warden(robot)
+      end_process(voucher, :kill)
+      assert eventually(fn -> Safety.state(robot) == :disarmed end, 30_000)
+      assert Safety.inhibitions(robot) == [{[:lid], :open}]
+    end
+
+    test "and has died while there was no warden is missed by its successor" do
+      {robot, _root} = start()
+      voucher = act_apart(fn -> Safety.vouch(robot, [:lid]) end)
+      :ok = Safety.arm(robot)
+      :sys.suspend(warden(robot))
+      end_process(voucher, :kill)
+      kill_warden(robot)
+      assert eventually(fn -> Safety.state(robot) == :disarmed end, 30_000)
+      assert runs(robot) == {1, 1}
+    end
+
+    # By a process that stays.
+    defp act_apart(fun) do
+      test = self()
+
+      pid =
+        spawn(fn ->
+          send(test, {self(), fun.()})
+          Process.sleep(:infinity)
+        end)
+
+      assert_receive {^pid, :ok}, 30_000
+      pid
+    end
   end
 
   test "an error outlives the robot: who starts it anew has to look at the hardware" do
@@ -342,7 +464,12 @@ defmodule BB.Safety.WardenTest do
 
   # Blows
 
-  defp strike(:topology, root), do: end_process(topology(root), :kill)
+  defp strike(:topology, root) do
+    topology = topology(root)
+    end_process(topology, :kill)
+    assert eventually(fn -> topology(root) not in [topology, :restarting] end, 30_000)
+  end
+
   defp strike(:root, root), do: end_process(root, :kill)
   defp strike(:stop, root), do: Supervisor.stop(root)
 
