@@ -121,4 +121,15 @@ defmodule BB.ClockTest do
     stop_supervised!(Stepped)
     assert Clock.of(robot) == :real
   end
+
+  test "a clock that ends leaves its successor's in place" do
+    robot = robot()
+    start_supervised!({Stepped, robot: robot}, id: :first)
+    start_supervised!({Stepped, robot: robot}, id: :second)
+    second = Clock.of(robot)
+    stop_supervised!(:first)
+    assert Clock.of(robot) == second
+    stop_supervised!(:second)
+    assert Clock.of(robot) == :real
+  end
 end

@@ -113,14 +113,17 @@ defmodule BB.Clock.Stepped do
 
     set_start(clock)
     :persistent_term.put({BB.Clock, robot}, clock)
-    {:ok, robot}
+    {:ok, {robot, clock}}
   end
 
   defp set_start(clock), do: :atomics.put(clock.now, 1, System.monotonic_time(:nanosecond))
 
   @impl GenServer
-  def handle_info(_message, robot), do: {:noreply, robot}
+  def handle_info(_message, state), do: {:noreply, state}
 
+  # A successor's clock stays.
   @impl GenServer
-  def terminate(_reason, robot), do: :persistent_term.erase({BB.Clock, robot})
+  def terminate(_reason, {robot, clock}) do
+    if BB.Clock.of(robot) == clock, do: :persistent_term.erase({BB.Clock, robot})
+  end
 end
