@@ -8,9 +8,9 @@ defmodule BB.Safety.Supervisor do
       └── resume                  starts a warden again for each robot with a record, and ends
 
   No supervisor stands above it, so none can take it down: it is there from the first start of the
-  application until the end of the VM. `BB.Safety.Anchor`, in the application, starts it again
-  when it is killed. Nothing here holds what it knows, so that nothing is lost with it
-  (`BB.Safety.Table`).
+  application until the end of the VM. When it is killed, `BB.Safety.Anchor` starts it again,
+  which stands in the application, and where that is gone too, `BB.Safety.Host`. Nothing here
+  holds what it knows, so that nothing is lost with it (`BB.Safety.Table`).
   """
 
   use Supervisor
