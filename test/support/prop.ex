@@ -15,6 +15,7 @@ defmodule BB.Test.Prop do
   `float/0,2`, `boolean/0`, `binary/0`, `tuple/1`, `frequency/1`, …; others by their full name, `:proper_types.resize/2`).
 
   - `property name, numtests: 500 do … end` runs so many cases; 100 when nothing is said.
+    `max_shrinks: 50` looks for a smaller failure so often, 500 times when nothing is said.
   - `forall pattern <- generator, do: body` holds when the body is true; an exception, a failed `assert` too, is a counterexample.
     Several generators: `forall {a, b} <- {integer(), atom()}`; foralls nest.
   - `bind(generator, fn value -> generator end)` makes a generator from another's value, `map(generator, fun)` changes values.
@@ -82,7 +83,14 @@ defmodule BB.Test.Prop do
 
   @doc false
   def check(property, opts) do
-    case :proper.quickcheck(property, [:quiet, :long_result, numtests: opts[:numtests] || 100]) do
+    options = [
+      :quiet,
+      :long_result,
+      numtests: opts[:numtests] || 100,
+      max_shrinks: opts[:max_shrinks] || 500
+    ]
+
+    case :proper.quickcheck(property, options) do
       true ->
         :ok
 

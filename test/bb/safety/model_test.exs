@@ -68,7 +68,7 @@ defmodule BB.Safety.ModelTest do
 
   defp steps, do: :proper_types.resize(@most_steps, list(step()))
 
-  property "safety does as the model does", numtests: 150 do
+  property "safety does as the model does", numtests: 150, max_shrinks: 40 do
     forall steps <- steps() do
       robot = declared()
       world = %{robot: robot, tree: nil, processes: %{}}
