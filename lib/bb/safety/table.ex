@@ -48,8 +48,8 @@ defmodule BB.Safety.Table do
   end
 
   @doc "Whether the tables are there: safety was started in this VM."
-  @spec created?() :: boolean()
-  def created?, do: :ets.whereis(@entries) != :undefined
+  @spec running?() :: boolean()
+  def running?, do: :ets.whereis(@entries) != :undefined
 
   # The host
 
@@ -97,7 +97,7 @@ defmodule BB.Safety.Table do
 
   @doc "Whether it has a record."
   @spec known?(module()) :: boolean()
-  def known?(robot), do: created?() and :ets.member(@records, robot)
+  def known?(robot), do: running?() and :ets.member(@records, robot)
 
   @doc "The records of all robots."
   @spec records() :: [Record.t()]

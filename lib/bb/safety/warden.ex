@@ -39,7 +39,7 @@ defmodule BB.Safety.Warden do
   """
   @spec watch(module(), role()) :: :ok
   def watch(robot, role) do
-    unless Table.created?(),
+    unless Table.running?(),
       do: raise("BB.Safety is not running: start the application :ganglion before a robot")
 
     pid = self()
