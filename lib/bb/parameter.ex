@@ -6,7 +6,7 @@ defmodule BB.Parameter do
         use BB
 
         settings do
-          parameter_store {BB.Parameter.Store.Dets, path: "/data/params"}
+          parameter_store {BB.Parameter.Store.Log, path: "/data/params"}
         end
 
         parameters do
@@ -34,8 +34,8 @@ defmodule BB.Parameter do
 
   ## Setting
 
-  `set/3` and `set_many/2` check what they are given; what does not fit changes nothing. Values with a unit may be given in any
-  that converts, and are kept in the parameter's own. Writes run one after the other, and a value can be read before
+  `set/3` and `set_many/2` check what they are given; what does not fit changes nothing. They return when the robot's store has kept the
+  values for good (`BB.Parameter.Store`). Values with a unit may be given in any that converts, and are kept in the parameter's own. Writes run one after the other, and a value can be read before
   anyone hears of it: each publishes `BB.Parameter.Changed` on `[:param | path]`, with the frame_id `:parameter`, also when the
   value is the old one.
 
@@ -62,6 +62,8 @@ defmodule BB.Parameter do
 
   @type reason ::
           {:unregistered_parameter, path()} | {:unknown_parameter, atom()} | ValidationError.t()
+
+  @type not_kept :: {:not_kept, term()}
 
   @doc """
   The parameters that a module brings, for `register/3`: `[name: [type: …, default: …]]`, with the fields of `param` in
@@ -92,8 +94,10 @@ defmodule BB.Parameter do
     * `{:unregistered_parameter, path}` - there is no parameter, and no group around it that has any
     * `{:unknown_parameter, name}` - there is such a group, but it has no parameter of that name
     * `BB.Options.ValidationError` - the value is of the wrong type or out of bounds
+    * `{:not_kept, reason}` - the value is set, but the store could not keep it, since the disk is full for one
+      (`:enospc`). It is tried again until it can; the alarm `{BB.Parameter, robot, :not_kept}` is set for as long as that takes
   """
-  @spec set(module(), path(), term()) :: :ok | {:error, reason()}
+  @spec set(module(), path(), term()) :: :ok | {:error, reason() | not_kept()}
   def set(robot, path, value) do
     with {:error, [{^path, reason}]} <- set_many(robot, [{path, value}]), do: {:error, reason}
   end
@@ -101,9 +105,12 @@ defmodule BB.Parameter do
   @doc """
   Sets several parameters, `{path, value}` each, at the same moment; or none, when one of them is wrong. A component that refers to several of
   them takes them on at once. The last value of a path that is given twice counts.
+
+  They are kept as one too: after a power failure all are there or none, if the store can (`BB.Parameter.Store.Log` can).
+  `{:error, {:not_kept, reason}}` says that all are set, but not kept.
   """
   @spec set_many(module(), [{path(), term()}] | %{path() => term()}) ::
-          :ok | {:error, [{path(), reason()}]}
+          :ok | {:error, [{path(), reason()}] | not_kept()}
   def set_many(robot, changes), do: Owner.call(robot, {:set, Enum.map(changes, &change!/1)})
 
   @doc """
@@ -147,7 +154,7 @@ defmodule BB.Parameter do
   def watch(robot, paths) do
     ref = Process.monitor(Table.name(robot))
 
-    case Owner.call(robot, {:watch, ref, self(), paths}, :infinity) do
+    case Owner.call(robot, {:watch, ref, self(), paths}) do
       {:ok, values} ->
         {:ok, ref, values}
 

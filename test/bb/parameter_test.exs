@@ -453,38 +453,26 @@ defmodule BB.ParameterTest do
   end
 
   describe "a store that fails" do
-    for {callback, failure} <- [
-          init: "returns an error",
-          init: "raises",
-          init: "exits",
-          load: "returns an error",
-          load: "returns nonsense",
-          load: "raises"
-        ] do
-      test "when it is opened, as #{callback} #{failure}, costs a warning, and the robot runs" do
+    for {callback, verb} <- [init: "open", load: "load", save: "save [:debug] in"] do
+      test "to #{verb} costs a warning, and set says what it did not keep" do
         robot = tunable()
-        FlakyStore.script(robot, [{unquote(callback), failure(unquote(failure))}])
-        log = capture_log(fn -> start_supervised!(robot) end)
-        assert log =~ "[warning]"
-        assert log =~ "the parameter store BB.Test.FlakyStore"
-        assert Parameter.set(robot, [:debug], true) == :ok
+        FlakyStore.script(robot, [{unquote(callback), fn -> {:error, :enospc} end}])
+
+        log =
+          capture_log(fn ->
+            start_supervised!(robot)
+            assert Parameter.set(robot, [:debug], true) == {:error, {:not_kept, :enospc}}
+
+            assert Parameter.set_many(robot, [{[:debug], true}, {[:note], "x"}]) ==
+                     {:error, {:not_kept, :enospc}}
+          end)
+
+        assert log =~ "[warning] #{inspect(robot)}: cannot #{unquote(verb)} the parameter store "
+        assert log =~ "BB.Test.FlakyStore: no space left on device (enospc)"
         assert Parameter.get(robot, [:debug]) == {:ok, true}
+        assert Parameter.get(robot, [:note]) == {:ok, "x"}
       end
     end
-
-    test "to save or to close costs a warning" do
-      robot = start_tunable()
-      FlakyStore.script(robot, save: failure("returns an error"), close: failure("raises"))
-      log = capture_log(fn -> assert Parameter.set(robot, [:debug], true) == :ok end)
-      assert log =~ "cannot save [:debug] in the parameter store BB.Test.FlakyStore: :enospc"
-      assert Parameter.get(robot, [:debug]) == {:ok, true}
-      assert capture_log(fn -> stop_supervised!(robot) end) =~ "cannot close the parameter store"
-    end
-
-    defp failure("returns an error"), do: fn -> {:error, :enospc} end
-    defp failure("returns nonsense"), do: fn -> {:ok, 17} end
-    defp failure("raises"), do: fn -> raise "broken" end
-    defp failure("exits"), do: fn -> exit(:broken) end
   end
 
   # Parameters against a plain map

@@ -20,6 +20,9 @@ defmodule BB.Test.FlakyStore do
     :ok
   end
 
+  @doc "Makes a callback of a robot's store do its work again."
+  def reset(robot, callback), do: :ets.delete(@table, {robot, callback})
+
   @doc "Puts a value into a robot's store."
   def put(robot, path, value), do: :ets.insert(@table, {{robot, :value, path}, value})
 
@@ -46,10 +49,14 @@ defmodule BB.Test.FlakyStore do
   @impl BB.Parameter.Store
   def close(robot), do: run(robot, :close, fn -> :ok end)
 
-  defp run(robot, callback, default) do
+  @doc "Runs a callback's script, or what a store does."
+  def run(robot, callback, default), do: script_of(robot, callback, default).()
+
+  @doc "The script of a callback."
+  def script_of(robot, callback, default) do
     case :ets.lookup(@table, {robot, callback}) do
-      [{_, fun}] -> fun.()
-      [] -> default.()
+      [{_, fun}] -> fun
+      [] -> default
     end
   end
 end

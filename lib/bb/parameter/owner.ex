@@ -3,7 +3,8 @@ defmodule BB.Parameter.Owner do
   Writes a robot's parameters, one request after the other.
 
   A request is checked as a whole. Then all its values stand in the table at the same moment, `BB.Parameter.Changed` is published
-  for each, each watcher hears once of those that it watches, and the store has them before the caller has its reply.
+  for each, and each watcher hears once of those that it watches. The caller has its reply from `BB.Parameter.Persistence`,
+  when the store has the values; the owner waits for no store.
   """
 
   use GenServer
@@ -13,19 +14,20 @@ defmodule BB.Parameter.Owner do
   alias BB.{Message, PubSub}
   alias BB.Parameter.{Changed, Definition, Persistence, Startup, Table}
 
-  @enforce_keys [:robot, :given, :store, :persisted]
-  defstruct [:robot, :given, :store, :persisted, watchers: %{}]
+  @enforce_keys [:robot, :given, :persistence]
+  defstruct [:robot, :given, :persistence, watchers: %{}]
 
   @doc false
   def start_link({robot, given}),
     do: GenServer.start_link(__MODULE__, {robot, given}, name: name(robot))
 
   @doc "Makes a request of a robot's owner. Raises `ArgumentError` when the robot is not started."
-  @spec call(module(), term(), timeout()) :: term()
-  def call(robot, request, timeout \\ 5_000) do
+  @spec call(module(), term()) :: term()
+  def call(robot, request) do
     case Process.whereis(name(robot)) do
       nil -> Table.not_started!(robot)
-      pid -> GenServer.call(pid, request, timeout)
+      # Whoever waits hears of the owner's end; the store's time is bounded.
+      pid -> GenServer.call(pid, request, :infinity)
     end
   end
 
@@ -33,10 +35,7 @@ defmodule BB.Parameter.Owner do
 
   @impl GenServer
   def init({robot, given}) do
-    # For the store's sake: it is closed in terminate/2.
-    Process.flag(:trap_exit, true)
-    {store, persisted} = Persistence.open(robot)
-    owner = %__MODULE__{robot: robot, given: given, store: store, persisted: persisted}
+    owner = %__MODULE__{robot: robot, given: given, persistence: Persistence.whereis(robot)}
 
     # What is there already was left by an owner that crashed, and is newer than what was declared.
     missing = Enum.reject(robot.robot().parameters, &known?(owner, &1.path))
@@ -45,9 +44,9 @@ defmodule BB.Parameter.Owner do
   end
 
   @impl GenServer
-  def handle_call({:set, changes}, _from, owner) do
+  def handle_call({:set, changes}, from, owner) do
     case check(owner, changes) do
-      {:ok, values} -> {:reply, :ok, set(owner, values)}
+      {:ok, values} -> set(owner, from, values)
       {:error, errors} -> {:reply, {:error, errors}, owner}
     end
   end
@@ -77,9 +76,6 @@ defmodule BB.Parameter.Owner do
 
   def handle_info(_message, owner), do: {:noreply, owner}
 
-  @impl GenServer
-  def terminate(_reason, owner), do: Persistence.close(owner.store)
-
   # Setting
 
   defp check(owner, changes) do
@@ -107,13 +103,25 @@ defmodule BB.Parameter.Owner do
       else: {:unregistered_parameter, path}
   end
 
-  defp set(owner, values) do
+  # Without a store there is nothing to wait for.
+  defp set(%{persistence: nil} = owner, _from, values) do
+    change(owner, values, fn -> Table.put_values(owner.robot, values) end)
+    Table.put_kept(owner.robot, values)
+    {:reply, :ok, owner}
+  end
+
+  defp set(owner, from, values) do
+    id = make_ref()
+    change(owner, values, fn -> Table.put_unkept(owner.robot, id, values) end)
+    Persistence.keep(owner.persistence, from, id, values)
+    {:noreply, owner}
+  end
+
+  defp change(owner, values, put) do
     old = Map.new(values, fn {path, _value} -> {path, value!(owner, path)} end)
-    Table.put_values(owner.robot, values)
+    put.()
     for {path, value} <- values, do: publish(owner, path, old[path], value, :local)
     for watch <- Table.watches(owner.robot), do: notify(watch, values)
-    Persistence.save(owner.store, values)
-    %{owner | persisted: Map.merge(owner.persisted, values)}
   end
 
   defp notify({ref, pid, paths}, values) do
@@ -153,7 +161,7 @@ defmodule BB.Parameter.Owner do
   end
 
   defp start_value(owner, definition) do
-    {value, source, error} = Startup.value(definition, owner.persisted, owner.given)
+    {value, source, error} = Startup.value(definition, stored(owner, definition), owner.given)
 
     if error do
       Logger.warning(
@@ -162,6 +170,13 @@ defmodule BB.Parameter.Owner do
     end
 
     {value, source}
+  end
+
+  defp stored(owner, %{path: path}) do
+    case Table.fetch_stored(owner.robot, path) do
+      {:ok, value} -> %{path => value}
+      :error -> %{}
+    end
   end
 
   defp register(owner, path, definitions) do

@@ -1,85 +1,268 @@
 defmodule BB.Parameter.Persistence do
   @moduledoc """
-  A robot's parameter store, of which nothing that it does wrong gets further than the log. Without a store it keeps nothing.
+  Has a robot's store keep what is set, and answers those who set it. What waits is saved together, by one call of
+  the store.
+
+  What the store does not take is tried again: with the next value, and after a while. Until then the alarm
+  `{BB.Parameter, robot, :not_kept}` is set. What has not been kept is in the robot's table too, so that it outlives this process.
   """
+
+  use GenServer
 
   require Logger
 
-  @enforce_keys [:robot]
-  defstruct [:robot, :module, :state]
+  alias BB.Parameter.{Alarm, Reason, Table}
+  alias BB.Parameter.Store.Session
 
-  @type t :: %__MODULE__{robot: module(), module: module() | nil, state: term()}
+  # More are saved by the next call.
+  @most_requests 1_000
 
-  @doc "Opens the store that the robot declares and loads it: `{persistence, %{path => value}}`."
-  @spec open(module()) :: {t(), %{BB.Parameter.path() => term()}}
-  def open(robot) do
-    nothing = {%__MODULE__{robot: robot}, %{}}
+  @retry_ms 500
+  @longest_retry_ms 5_000
+  # A store that does not return holds up for seconds those who set.
+  @longest_hang_retry_ms 30_000
 
+  # It may have to wait for a callback, and then for the store to be closed.
+  @shutdown_ms 20_000
+
+  @enforce_keys [:robot, :module, :opts, :backlog]
+  defstruct [
+    :robot,
+    :module,
+    :opts,
+    :backlog,
+    :session,
+    :failure,
+    :timer,
+    asked?: false,
+    hung?: false,
+    retry_ms: @retry_ms
+  ]
+
+  @doc "Its place under the robot's runtime."
+  @spec child_spec(module()) :: Supervisor.child_spec()
+  def child_spec(robot),
+    do: %{id: __MODULE__, start: {__MODULE__, :start_link, [robot]}, shutdown: @shutdown_ms}
+
+  @doc "Opens the store that the robot declares; `:ignore` when it declares none."
+  @spec start_link(module()) :: GenServer.on_start()
+  def start_link(robot) do
     case robot.robot().settings[:parameter_store] do
-      nil -> nothing
-      {module, opts} -> open(robot, module, opts) || nothing
-      module -> open(robot, module, []) || nothing
+      nil -> :ignore
+      {module, opts} -> start_link(robot, module, opts)
+      module -> start_link(robot, module, [])
     end
   end
 
-  defp open(robot, module, opts) do
-    with {:ok, state} <- attempt(robot, module, "open", fn -> module.init(robot, opts) end) do
-      store = %__MODULE__{robot: robot, module: module, state: state}
-      {store, load(store)}
-    end
-  end
+  defp start_link(robot, module, opts),
+    do: GenServer.start_link(__MODULE__, {robot, module, opts}, name: name(robot))
 
-  defp load(%{module: module, state: state} = store) do
-    loaded =
-      attempt(store.robot, module, "load", fn ->
-        with {:ok, pairs} <- module.load(state), do: {:ok, Map.new(pairs)}
-      end)
+  @doc "The process of a robot, `nil` when the robot has no store."
+  @spec whereis(module()) :: pid() | nil
+  def whereis(robot), do: Process.whereis(name(robot))
 
-    case loaded do
-      {:ok, values} -> values
-      nil -> %{}
-    end
-  end
+  defp name(robot), do: Module.concat(robot, ParameterPersistence)
 
-  @doc "Stores values."
-  @spec save(t(), Enumerable.t()) :: :ok
-  def save(%__MODULE__{module: nil}, _values), do: :ok
-
-  def save(%__MODULE__{module: module, state: state} = store, values) do
-    Enum.each(values, fn {path, value} ->
-      attempt(store.robot, module, "save #{inspect(path)} in", fn ->
-        module.save(state, path, value)
-      end)
-    end)
-  end
-
-  @doc "Closes the store."
-  @spec close(t()) :: :ok
-  def close(%__MODULE__{module: nil}), do: :ok
-
-  def close(%__MODULE__{module: module, state: state} = store) do
-    _ = attempt(store.robot, module, "close", fn -> module.close(state) end)
+  @doc """
+  Has values kept that are unkept in the table, by their `id`. `from` gets `:ok` or `{:error, {:not_kept, reason}}`.
+  """
+  @spec keep(pid(), GenServer.from(), Table.id(), Session.values()) :: :ok
+  def keep(persistence, from, id, values) do
+    send(persistence, {:keep, from, id, values})
     :ok
   end
 
-  defp attempt(robot, module, what, fun) do
-    case fun.() do
-      :ok -> :ok
-      {:ok, value} -> {:ok, value}
-      {:error, reason} -> warn(robot, module, what, reason)
-      other -> warn(robot, module, what, {:bad_return_value, other})
+  @impl GenServer
+  def init({robot, module, opts}) do
+    # The store is closed in terminate/2, and a store's process may die.
+    Process.flag(:trap_exit, true)
+    Alarm.clear_left(robot)
+    state = %__MODULE__{robot: robot, module: module, opts: opts, backlog: Table.unkept(robot)}
+    {:ok, state |> open() |> save_backlog() |> settle()}
+  end
+
+  @impl GenServer
+  def handle_info({:keep, _from, _id, _values} = request, state),
+    do: {:noreply, serve([request | waiting(@most_requests - 1)], state)}
+
+  def handle_info(:retry, state) do
+    state = %{state | timer: nil, hung?: false}
+    {:noreply, state |> open() |> save_backlog() |> settle()}
+  end
+
+  def handle_info({:EXIT, host, reason}, %{session: %{host: host}} = state),
+    do: {:noreply, state |> fail(:gone, "use", {:exit, reason}) |> settle()}
+
+  def handle_info(_message, state), do: {:noreply, state}
+
+  @impl GenServer
+  def terminate(_reason, state) do
+    # A store that is not open is not waited for.
+    if state.session, do: close(serve(waiting(:infinity), state))
+    Alarm.clear(state.robot, :not_kept)
+    Alarm.clear(state.robot, :damaged)
+  end
+
+  # Requests
+
+  defp waiting(0), do: []
+
+  defp waiting(most) do
+    receive do
+      {:keep, _from, _id, _values} = request -> [request | waiting(one_less(most))]
+    after
+      0 -> []
     end
-  catch
-    _kind, reason -> warn(robot, module, what, reason)
   end
 
-  defp warn(robot, module, what, reason) do
-    reason = if is_exception(reason), do: Exception.message(reason), else: inspect(reason)
+  defp one_less(:infinity), do: :infinity
+  defp one_less(most), do: most - 1
 
+  defp serve(requests, state) do
+    backlog = Enum.reduce(requests, state.backlog, &add/2)
+    state = %{state | backlog: backlog} |> open_unless_hung() |> save_backlog() |> settle()
+    for {:keep, from, _id, values} <- requests, do: GenServer.reply(from, answer(state, values))
+    state
+  end
+
+  # Of two values for a path the later counts, also for who set the earlier.
+  defp add({:keep, _from, id, values}, backlog),
+    do: Enum.into(values, backlog, fn {path, value} -> {path, {id, value}} end)
+
+  defp answer(state, values) do
+    if Enum.any?(Map.keys(values), &is_map_key(state.backlog, &1)),
+      do: {:error, {:not_kept, state.failure}},
+      else: :ok
+  end
+
+  # The store
+
+  defp open_unless_hung(%{hung?: true} = state), do: state
+  defp open_unless_hung(state), do: open(state)
+
+  defp open(%{session: nil} = state) do
+    case Session.open(state.robot, state.module, state.opts) do
+      {:ok, session, values} ->
+        Table.put_kept(state.robot, values)
+        ask_for_damage(%{state | session: session})
+
+      {kind, verb, reason} ->
+        fail(state, kind, verb, reason)
+    end
+  end
+
+  defp open(state), do: state
+
+  # Once: a store that dies of the question is good for values all the same.
+  defp ask_for_damage(%{asked?: true} = state), do: state
+
+  defp ask_for_damage(state) do
+    state = %{state | asked?: true}
+
+    case Session.damage(state.session) do
+      {:ok, nil} -> state
+      {:ok, damage} -> tell_damage(state, damage)
+      {:error, _reason} -> state
+      {:gone, _reason} -> open(%{state | session: nil})
+    end
+  end
+
+  defp tell_damage(state, damage) do
+    Alarm.set(state.robot, :damaged, damage)
+    state
+  end
+
+  defp save_backlog(%{backlog: backlog} = state) when backlog == %{}, do: state
+  defp save_backlog(%{session: nil} = state), do: state
+
+  defp save_backlog(state) do
+    if Session.atomic?(state.session),
+      do: save_as_one(state),
+      else: Enum.reduce(state.backlog, state, &save_unit([&1], &2))
+  end
+
+  # Where all cannot be stored, some may: one value may be too large for what room there is.
+  defp save_as_one(state) do
+    all = Map.to_list(state.backlog)
+    state = save_unit(all, state)
+    sets = all |> Enum.group_by(fn {_path, {id, _value}} -> id end) |> Map.values()
+    if state.backlog == %{} or length(sets) == 1, do: state, else: save_each(sets, state)
+  end
+
+  defp save_each(sets, state), do: Enum.reduce(sets, state, &save_unit/2)
+
+  defp save_unit(_unit, %{session: nil} = state), do: state
+
+  defp save_unit(unit, state) do
+    case save(state.session, for({path, {_id, value}} <- unit, do: {path, value})) do
+      {:ok, :ok} -> kept(state, unit)
+      {kind, reason} -> fail(state, kind, "save #{paths(unit)} in", reason)
+    end
+  end
+
+  defp save(session, values) do
+    if Session.atomic?(session) do
+      Session.save_many(session, values)
+    else
+      [{path, value}] = values
+      Session.save(session, path, value)
+    end
+  end
+
+  defp kept(state, unit) do
+    Table.put_kept(state.robot, for({path, {_id, value}} <- unit, do: {path, value}))
+    Table.delete_unkept(state.robot, unit)
+    %{state | backlog: Map.drop(state.backlog, for({path, _} <- unit, do: path))}
+  end
+
+  defp close(%{session: nil}), do: :ok
+
+  defp close(state) do
+    with {_kind, reason} when reason != :ok <- Session.close(state.session),
+         do: warn(state, "close", reason)
+  end
+
+  # How it goes
+
+  defp fail(state, kind, verb, reason) do
+    unless reason == state.failure, do: warn(state, verb, reason)
+    state = %{state | failure: reason, hung?: match?({:timeout, _}, reason)}
+    if kind == :gone, do: %{state | session: nil}, else: state
+  end
+
+  defp settle(%{session: %{}, backlog: backlog} = state) when backlog == %{} do
+    if state.failure, do: Logger.info("#{title(state)} keeps values again")
+    Alarm.clear(state.robot, :not_kept)
+    _ = if state.timer, do: Process.cancel_timer(state.timer)
+    %{state | failure: nil, timer: nil, retry_ms: @retry_ms}
+  end
+
+  defp settle(state) do
+    description = %{
+      store: state.module,
+      reason: state.failure,
+      description: Reason.words(state.failure)
+    }
+
+    Alarm.set(state.robot, :not_kept, description)
+    if state.timer, do: state, else: retry_later(state)
+  end
+
+  defp retry_later(state) do
+    longest = if state.hung?, do: @longest_hang_retry_ms, else: @longest_retry_ms
+    timer = Process.send_after(self(), :retry, state.retry_ms)
+    %{state | timer: timer, retry_ms: min(2 * state.retry_ms, longest)}
+  end
+
+  defp warn(state, verb, reason) do
     Logger.warning(
-      "#{inspect(robot)}: cannot #{what} the parameter store #{inspect(module)}: #{reason}"
+      "#{inspect(state.robot)}: cannot #{verb} the parameter store #{inspect(state.module)}: " <>
+        Reason.words(reason)
     )
-
-    nil
   end
+
+  defp title(state), do: "#{inspect(state.robot)}: the parameter store #{inspect(state.module)}"
+
+  defp paths([{path, _value}]), do: inspect(path)
+  defp paths(unit), do: "#{length(unit)} values"
 end

@@ -1,12 +1,12 @@
 defmodule BB.Parameter.Supervisor do
   @moduledoc """
-  The robot's runtime in its tree: the table of its parameters, and their owner, which is started again without
-  losing them.
+  The robot's runtime in its tree: the table of its parameters, what has a store keep them, and their owner. The last two
+  are started again without losing a value.
   """
 
   use Supervisor
 
-  alias BB.Parameter.{Owner, Startup, Table}
+  alias BB.Parameter.{Owner, Persistence, Startup, Table}
 
   @max_restarts 100
 
@@ -22,7 +22,7 @@ defmodule BB.Parameter.Supervisor do
 
   @impl Supervisor
   def init({robot, given}) do
-    children = [{Table, robot}, {Owner, {robot, given}}]
+    children = [{Table, robot}, {Persistence, robot}, {Owner, {robot, given}}]
     Supervisor.init(children, strategy: :rest_for_one, max_restarts: @max_restarts)
   end
 end

@@ -1,6 +1,7 @@
 defmodule BB.Parameter.Table do
   @moduledoc """
-  Where a robot's parameters are: an ETS table that anyone reads and only `BB.Parameter.Owner` writes.
+  Where a robot's parameters are: an ETS table that anyone reads. `BB.Parameter.Owner` writes it, and
+  `BB.Parameter.Persistence` what of it the store has.
 
   The process here owns the table and does nothing else, so that the values outlive a crash of the writer.
   """
@@ -8,6 +9,9 @@ defmodule BB.Parameter.Table do
   use GenServer
 
   alias BB.Parameter.Definition
+
+  @typedoc "What tells the values of one request from those of the next."
+  @type id :: reference()
 
   @type watch :: {reference(), pid(), [BB.Parameter.path()]}
 
@@ -61,6 +65,53 @@ defmodule BB.Parameter.Table do
   def put_values(robot, values),
     do: insert(robot, for({path, value} <- values, do: {{:value, path}, value}))
 
+  @doc "Sets values that the store is to keep, all at the same moment."
+  @spec put_unkept(module(), id(), %{BB.Parameter.path() => term()}) :: :ok
+  def put_unkept(robot, id, values) do
+    unkept = for {path, value} <- values, do: {{:unkept, path}, {path, {id, value}}}
+    insert(robot, unkept ++ for({path, value} <- values, do: {{:value, path}, value}))
+  end
+
+  @doc "The values that the store has not kept."
+  @spec unkept(module()) :: %{BB.Parameter.path() => {id(), term()}}
+  def unkept(robot), do: robot |> select({{:unkept, :_}, :"$1"}) |> Map.new()
+
+  @doc "Removes values that the store has kept, but not newer ones."
+  @spec delete_unkept(module(), [{BB.Parameter.path(), {id(), term()}}]) :: :ok
+  def delete_unkept(robot, kept) do
+    if_there(:ok, fn ->
+      for {path, _} = row <- kept, do: :ets.delete_object(name(robot), {{:unkept, path}, row})
+      :ok
+    end)
+  end
+
+  @doc "Notes what the store has."
+  @spec put_kept(module(), Enumerable.t()) :: :ok
+  def put_kept(robot, values) do
+    rows = for {path, value} <- values, do: {{:kept, path}, value}
+    if_there(:ok, fn -> insert(robot, rows) end)
+  end
+
+  @doc "The value of a path that the store has, or is to have: `{:ok, value}` or `:error`."
+  @spec fetch_stored(module(), BB.Parameter.path()) :: {:ok, term()} | :error
+  def fetch_stored(robot, path) do
+    case {lookup(robot, {:unkept, path}), lookup(robot, {:kept, path})} do
+      {[{_key, {^path, {_id, value}}}], _kept} -> {:ok, value}
+      {[], [{_key, value}]} -> {:ok, value}
+      {[], []} -> :error
+    end
+  end
+
+  @doc "Notes that an alarm is set. Returns whether it was not."
+  @spec put_alarm(module(), atom()) :: boolean()
+  def put_alarm(robot, alarm),
+    do: if_there(true, fn -> :ets.insert_new(name(robot), {{:alarm, alarm}, true}) end)
+
+  @doc "Notes that an alarm is not set any more. Returns whether it was."
+  @spec delete_alarm(module(), atom()) :: boolean()
+  def delete_alarm(robot, alarm),
+    do: if_there(true, fn -> :ets.take(name(robot), {:alarm, alarm}) != [] end)
+
   @doc "Adds or replaces definitions."
   @spec put_definitions(module(), [Definition.t()]) :: :ok
   def put_definitions(robot, definitions),
@@ -81,11 +132,17 @@ defmodule BB.Parameter.Table do
   @doc "Removes a watch."
   @spec delete_watch(module(), reference()) :: :ok
   def delete_watch(robot, ref) do
-    :ets.delete(name(robot), {:watch, ref})
-    :ok
+    if_there(:ok, fn ->
+      :ets.delete(name(robot), {:watch, ref})
+      :ok
+    end)
+  end
+
+  # The table may be gone, and what was to be done with it.
+  defp if_there(otherwise, fun) do
+    fun.()
   rescue
-    # The table is gone, and the watch with it.
-    ArgumentError -> :ok
+    ArgumentError -> otherwise
   end
 
   defp insert(robot, rows) do

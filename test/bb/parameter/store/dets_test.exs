@@ -73,14 +73,35 @@ defmodule BB.Parameter.Store.DetsTest do
       File.mkdir_p!(Path.dirname(file))
       File.write!(file, unquote(content))
       log = capture_log(fn -> start_supervised!(robot) end)
-      assert log =~ "the parameter store #{file} cannot be read"
-      assert log =~ "it is now #{file}.corrupt"
+      assert log =~ "the parameter store #{file} cannot be read as a whole; how many values are "
+      assert log =~ "lost cannot be known; it is now #{file}.corrupt"
+      assert [%{file: ^file, lost: :unknown}] = damages(robot)
       assert File.read!(file <> ".corrupt") == unquote(content)
       :ok = Parameter.set(robot, [:gain], 2.0)
       stop_supervised!(robot)
       start_supervised!(robot)
       assert Parameter.get!(robot, [:gain]) == 2.0
     end
+  end
+
+  defp damages(robot) do
+    for {{Parameter, ^robot, :damaged}, damage} <- :alarm_handler.get_alarms(), do: damage
+  end
+
+  test "a file from which values are missing is kept, and they are counted", %{
+    robot: robot,
+    stored: file
+  } do
+    start_supervised!(robot)
+    :ok = Parameter.set_many(robot, [{[:gain], 2.0}, {[:rate], ~u(2 hertz)}])
+    stop_supervised!(robot)
+    cut = binary_part(File.read!(file), 0, 3_000)
+    File.write!(file, cut)
+    log = capture_log(fn -> start_supervised!(robot) end)
+    assert log =~ "cannot be read as a whole; 2 values are lost; it is now #{file}.corrupt"
+    assert [%{lost: 2, kept_as: kept_as}] = damages(robot)
+    assert File.read!(kept_as) == cut
+    assert Path.wildcard(file <> ".import") == []
   end
 
   test "a file that is damaged anywhere never stops the boot", %{robot: robot, stored: file} do
@@ -91,8 +112,9 @@ defmodule BB.Parameter.Store.DetsTest do
 
     # :dets itself writes a line about each repair to the terminal.
     for at <- 0..(byte_size(whole) - 1)//1201 do
-      <<head::binary-size(at), byte, tail::binary>> = whole
-      File.write!(file, [head, Bitwise.bxor(byte, 0xFF), tail])
+      tail = binary_part(whole, at + 1, byte_size(whole) - at - 1)
+      flipped = Bitwise.bxor(:binary.at(whole, at), 0xFF)
+      File.write!(file, [binary_part(whole, 0, at), flipped, tail])
       capture_log(fn -> start_supervised!(robot) end)
       assert is_float(Parameter.get!(robot, [:gain]))
       stop_supervised!(robot)
@@ -109,8 +131,9 @@ defmodule BB.Parameter.Store.DetsTest do
   } do
     File.mkdir_p!(file)
     log = capture_log(fn -> start_supervised!(robot) end)
-    assert log =~ "cannot open the parameter store BB.Parameter.Store.Dets"
-    assert Parameter.set(robot, [:gain], 2.0) == :ok
+    assert log =~ "cannot open the parameter store BB.Parameter.Store.Dets: illegal operation on"
+    assert Parameter.set(robot, [:gain], 2.0) == {:error, {:not_kept, :eisdir}}
+    assert Parameter.get(robot, [:gain]) == {:ok, 2.0}
   end
 
   test "needs a path" do
