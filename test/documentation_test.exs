@@ -82,6 +82,7 @@ defmodule DocumentationTest do
   test "the examples of the guide to parameters run one after the other" do
     Process.flag(:trap_exit, true)
     binding = run("docs/guides/parameters.md")
+    assert Path.wildcard(Path.join(System.tmp_dir!(), "my_robot_params*")) == []
     Supervisor.stop(binding[:buses])
   end
 

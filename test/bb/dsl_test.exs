@@ -717,7 +717,7 @@ defmodule BB.DslTest do
 
         settings do
           name :my_robot
-          parameter_store {BB.Parameter.Store.Dets, path: "/data/params"}
+          parameter_store {BB.Parameter.Store.Log, path: "/data/params"}
           registry_module Registry
           registry_options partitions: 2
           supervisor_module Supervisor

@@ -10,7 +10,7 @@ defmodule BB.Dsl.Robot do
   What holds for the robot as a whole.
 
     * `name` - what people call it, an atom
-    * `parameter_store` - where parameters are kept, `{BB.Parameter.Store.Dets, path: "/data/params"}`
+    * `parameter_store` - where parameters are kept, `{BB.Parameter.Store.Log, path: "/data/params"}`
     * `registry_module` - a module with the functions of `Registry` for the robot's process registry (`Registry`)
     * `registry_options` - options for its start beside `keys:` and `name:`, such as `[partitions: 2]`
     * `supervisor_module` - a module with `Supervisor.start_link/3` for the robot's supervisors (`Supervisor`)

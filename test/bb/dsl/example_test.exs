@@ -17,7 +17,7 @@ defmodule BB.Dsl.ExampleTest do
 
     settings do
       name :my_robot
-      parameter_store {BB.Parameter.Store.Dets, path: "/data/params"}
+      parameter_store {BB.Parameter.Store.Log, path: "/data/params"}
     end
 
     parameters do
@@ -77,7 +77,7 @@ defmodule BB.Dsl.ExampleTest do
 
     assert robot.settings == %{
              name: :my_robot,
-             parameter_store: {BB.Parameter.Store.Dets, path: "/data/params"}
+             parameter_store: {BB.Parameter.Store.Log, path: "/data/params"}
            }
 
     assert [%{path: [:debug], default: false, doc: "…"}, %{path: [:imu, :rate]} = rate] =

@@ -1,0 +1,257 @@
+defmodule BB.Parameter.Store.Log.Format do
+  @moduledoc """
+  The bytes of a file of `BB.Parameter.Store.Log`. Pure.
+
+  A file is made in its full size and never grows. Integers are big-endian, each `crc` is a CRC-32:
+
+      header   "BBparams" version:16 0:16 size:32 generation:32 base:32 crc:32
+      frame    "set!" length:32 before:32 crc:32, payload, crc:32
+      …
+      end      "end." before:32 crc:32 "."
+      zeros    as far as size
+
+  `size` is the file's own, so that a file that was cut is known by it. `generation` counts the files that took each other's
+  place. The first `base` values are those of the generation before, one in each frame; each later frame is one change,
+  which is there as a whole or not at all. A payload is `key_size:32 data_size:32 key data` for each value. `before` counts the
+  values in all frames before, so that a frame that cannot be read leaves a gap of known size. Checksums cover the place in the file
+  too, so that a copy of a frame inside a value is no frame.
+
+  A change is one write over the old end: its frame, and the new end. Where such a write was broken off, by a
+  power failure for one, the old bytes stand behind that place. That tells it from damage, and what was broken off was never
+  acknowledged.
+  """
+
+  alias BB.Parameter.Store.Log.{Entry, Reading}
+
+  @magic "BBparams"
+  @version 1
+  @header_size 28
+  @frame_magic "set!"
+  @head_size 16
+  @crc_size 4
+  @end_magic "end."
+  @end_size 13
+  @block 4_096
+
+  @doc """
+  A new file: the values of the generation before, and a change. The reading tells where the next change goes.
+
+      iex> alias BB.Parameter.Store.Log.{Entry, Format}
+      iex> {bytes, _reading} =
+      ...>   Format.new(7, [Entry.encode([:gain], 1.0)], [Entry.encode([:gain], 2.0)])
+      iex> {:ok, reading} = Format.read(IO.iodata_to_binary(bytes))
+      iex> {reading.generation, Enum.map(reading.entries, &Entry.decode/1), reading.damaged?}
+      {7, [ok: {[:gain], 1.0}, ok: {[:gain], 2.0}], false}
+  """
+  @spec new(pos_integer(), [Entry.t()], [Entry.t()]) :: {iodata(), Reading.t()}
+  def new(generation, base, change) do
+    frames = Enum.map(base, &[&1]) ++ if(change == [], do: [], else: [change])
+    {frames, {end_at, values}} = Enum.map_reduce(frames, {@header_size, 0}, &frame/2)
+    size = size_for(end_at + @end_size)
+
+    bytes = [
+      header(size, generation, length(base)),
+      frames,
+      ending(end_at, values),
+      zeros(size - end_at - @end_size)
+    ]
+
+    reading = %Reading{generation: generation, base: length(base), values: values}
+    {bytes, %{reading | size: size, end_at: end_at}}
+  end
+
+  @doc "The write of a change, to be made at `reading.end_at`, and the reading after it; or `:full`."
+  @spec append(Reading.t(), [Entry.t()]) :: {:ok, iodata(), Reading.t()} | :full
+  def append(%Reading{} = reading, change) do
+    {frame, {end_at, values}} = frame(change, {reading.end_at, reading.values})
+
+    if end_at + @end_size <= reading.size,
+      do: {:ok, [frame, ending(end_at, values)], %{reading | end_at: end_at, values: values}},
+      else: :full
+  end
+
+  @doc "The bytes at `reading.end_at` of a file to which nobody else has written."
+  @spec ending(Reading.t()) :: binary()
+  def ending(%Reading{} = reading), do: ending(reading.end_at, reading.values)
+
+  @doc """
+  Reads a file. Whatever the bytes, what is returned had been written by `new/3` or `append/2`; what cannot be read is
+  counted.
+
+  `{:error, {:version, n}}` is a file by a later release of this library.
+  """
+  @spec read(binary()) :: {:ok, Reading.t()} | {:error, {:version, non_neg_integer()}}
+  def read(bytes) do
+    case read_header(bytes) do
+      {:ok, reading} -> {:ok, walk(bytes, @header_size, reading)}
+      {:error, {:version, _}} = error -> error
+      :error -> {:ok, walk(bytes, 0, %Reading{damaged?: true})}
+    end
+  end
+
+  # Writing
+
+  defp header(size, generation, base) do
+    head = <<@magic, @version::16, 0::16, size::32, generation::32, base::32>>
+    <<head::binary, crc(0, head)::32>>
+  end
+
+  defp frame(entries, {at, before}) do
+    payload = for entry <- entries, into: <<>>, do: encode(entry)
+    head = <<@frame_magic, byte_size(payload)::32, before::32>>
+    body_at = at + @head_size
+    next = body_at + byte_size(payload) + @crc_size
+
+    {[<<head::binary, crc(at, head)::32>>, payload, <<crc(body_at, payload)::32>>],
+     {next, before + length(entries)}}
+  end
+
+  defp encode({key, data}),
+    do: <<byte_size(key)::32, byte_size(data)::32, key::binary, data::binary>>
+
+  # It ends in a byte that is not zero: behind a write that was broken off stand the zeros of before.
+  defp ending(at, before) do
+    head = <<@end_magic, before::32>>
+    <<head::binary, crc(at, head)::32, ".">>
+  end
+
+  defp crc(at, bytes), do: :erlang.crc32(:erlang.crc32(<<at::32>>), bytes)
+
+  defp zeros(count), do: :binary.copy(<<0>>, count)
+
+  # Half of a new file is free, so that few changes need a new one.
+  defp size_for(used), do: div(2 * used + @block - 1, @block) * @block
+
+  # Reading
+
+  defp read_header(<<head::binary-24, crc::32, _::binary>> = bytes) do
+    if crc(0, head) == crc, do: read_head(head, byte_size(bytes)), else: :error
+  end
+
+  defp read_header(_bytes), do: :error
+
+  defp read_head(<<@magic, @version::16, _::16, size::32, generation::32, base::32>>, actual) do
+    {:ok, %Reading{generation: generation, base: base, size: size, damaged?: size != actual}}
+  end
+
+  defp read_head(<<@magic, version::16, _::binary>>, _actual), do: {:error, {:version, version}}
+  defp read_head(_head, _actual), do: :error
+
+  defp walk(bytes, at, reading) do
+    case part_at(bytes, at) do
+      {:frame, before, entries, next} -> walk(bytes, next, Reading.take(reading, before, entries))
+      {:end, before} -> Reading.finish(reading, before, at)
+      {:unreadable, length} -> pass(bytes, at, reading, @head_size + length + @crc_size)
+      :nothing -> pass(bytes, at, reading, nil)
+    end
+  end
+
+  # What stands at `at` cannot be read; its size is known when its head could be.
+  defp pass(bytes, at, reading, size) do
+    cond do
+      torn?(bytes, at, reading, size) ->
+        %{Reading.finish(reading, reading.values, at) | torn?: true}
+
+      next = next_part(bytes, at + (size || 1)) || next_part(bytes, at + 1) ->
+        walk(bytes, next, %{reading | damaged?: true})
+
+      true ->
+        Reading.break_off(reading)
+    end
+  end
+
+  defp part_at(bytes, at) when at > byte_size(bytes), do: :nothing
+
+  defp part_at(bytes, at) do
+    case from(bytes, at) do
+      <<@frame_magic, length::32, before::32, crc::32, rest::binary>> ->
+        head = <<@frame_magic, length::32, before::32>>
+        if crc(at, head) == crc, do: frame_at(rest, at, length, before), else: :nothing
+
+      <<@end_magic, before::32, crc::32, ".", _::binary>> ->
+        if crc(at, <<@end_magic, before::32>>) == crc, do: {:end, before}, else: :nothing
+
+      _ ->
+        :nothing
+    end
+  end
+
+  defp frame_at(rest, at, length, before) when byte_size(rest) >= length + @crc_size do
+    payload = binary_part(rest, 0, length)
+    crc = crc(at + @head_size, payload)
+
+    with ^crc <- :binary.decode_unsigned(binary_part(rest, length, @crc_size)),
+         {:ok, entries} <- entries(payload, []) do
+      {:frame, before, entries, at + @head_size + length + @crc_size}
+    else
+      _ -> {:unreadable, length}
+    end
+  end
+
+  defp frame_at(_rest, _at, length, _before), do: {:unreadable, length}
+
+  defp entries(<<>>, entries), do: {:ok, Enum.reverse(entries)}
+
+  defp entries(payload, entries) do
+    case payload do
+      <<key_size::32, data_size::32, key::binary-size(key_size), data::binary-size(data_size),
+        rest::binary>> ->
+        entries(rest, [{key, data} | entries])
+
+      _ ->
+        :error
+    end
+  end
+
+  defp from(bytes, at), do: binary_part(bytes, at, byte_size(bytes) - at)
+
+  # The next place from `at` on where a frame or the end stands.
+  defp next_part(bytes, at) when at >= byte_size(bytes), do: nil
+
+  defp next_part(bytes, at) do
+    scope = {at, byte_size(bytes) - at}
+
+    with {found, _length} <- :binary.match(bytes, [@frame_magic, @end_magic], scope: scope) do
+      if part_at(bytes, found) == :nothing, do: next_part(bytes, found + 1), else: found
+    else
+      :nomatch -> nil
+    end
+  end
+
+  defp torn?(_bytes, _at, %{damaged?: true}, _size), do: false
+
+  defp torn?(bytes, at, reading, size) do
+    tail = from(bytes, at)
+    ending = ending(at, reading.values)
+    torn_frame?(tail, size, ending) or torn_end?(tail, ending)
+  end
+
+  # One that was not broken off goes as far as the end behind its frame.
+  defp torn_frame?(tail, size, old_end) do
+    written = written(tail, old_end)
+
+    String.starts_with?(@frame_magic, binary_part(tail, 0, min(written, 4))) and
+      if(size, do: written < size + @end_size, else: written <= @head_size)
+  end
+
+  # The frame before it was written as a whole.
+  defp torn_end?(tail, ending) do
+    written = String.trim_trailing(tail, <<0>>)
+    written != "" and String.starts_with?(ending, written)
+  end
+
+  # How many bytes were written, before there stand those that stood there before: the old end, and zeros.
+  defp written(tail, old_end) do
+    used = byte_size(String.trim_trailing(tail, <<0>>))
+    if used > @end_size, do: used, else: changed(tail, old_end)
+  end
+
+  defp changed(tail, old_end) do
+    differing =
+      for n <- 0..(@end_size - 1),
+          byte_size(tail) <= n or :binary.at(tail, n) != :binary.at(old_end, n),
+          do: n + 1
+
+    Enum.max(differing, fn -> 0 end)
+  end
+end
