@@ -2,9 +2,10 @@ defmodule BB.Test.KeepingNode do
   @moduledoc """
   A VM of its own in which fifty processes set parameters until it is killed.
 
-  It is its own robot, whose store is the file `KEEPING_FILE`. Each process sets a pair of parameters to the same number, ever the
-  next one. It appends every pair that is acknowledged to the file `KEEPING_ACKNOWLEDGED`, at once and past all buffers of the VM. The VM
-  says `ready` when it has been started, and goes to work when it is sent a line.
+  It is its own robot, whose store is the file `KEEPING_FILE`. Each process sets a pair of
+  parameters to the same number, ever the next one. It appends every pair that is acknowledged to
+  the file `KEEPING_ACKNOWLEDGED`, at once and past all buffers of the VM. The VM says `ready`
+  when it has been started, and goes to work when it is sent a line.
   """
 
   alias BB.Parameter

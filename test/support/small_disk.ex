@@ -2,7 +2,8 @@ defmodule BB.Test.SmallDisk do
   @moduledoc """
   A file system of a few KiB for one test, in memory, which can be full or read-only.
 
-  Only root may mount one. Elsewhere `mount/1` says so and returns `:error`, and the test has to do without.
+  Only root may mount one. Elsewhere `mount/1` says so and returns `:error`, and the test has to
+  do without.
   """
 
   import ExUnit.Callbacks, only: [on_exit: 1]

@@ -5,8 +5,8 @@ defmodule BB.Parameter.Alarm do
     * `:not_kept` - values are set that the store has not taken
     * `:damaged` - the store has lost values, or may have
 
-  A handler may show each event that it gets, so it gets only changes. What is set stands in the robot's table, for the process
-  after one that was killed.
+  A handler may show each event that it gets, so it gets only changes. What is set stands in the
+  robot's table, for the process after one that was killed.
   """
 
   alias BB.Parameter.Table

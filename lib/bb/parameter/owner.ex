@@ -2,9 +2,10 @@ defmodule BB.Parameter.Owner do
   @moduledoc """
   Writes a robot's parameters, one request after the other.
 
-  A request is checked as a whole. Then all its values stand in the table at the same moment, `BB.Parameter.Changed` is published
-  for each, and each watcher hears once of those that it watches. The caller has its reply from `BB.Parameter.Persistence`,
-  when the store has the values; the owner waits for no store.
+  A request is checked as a whole. Then all its values stand in the table at the same moment,
+  `BB.Parameter.Changed` is published for each, and each watcher hears once of those that it
+  watches. The caller has its reply from `BB.Parameter.Persistence`, when the store has the
+  values; the owner waits for no store.
   """
 
   use GenServer
@@ -37,7 +38,8 @@ defmodule BB.Parameter.Owner do
   def init({robot, given}) do
     owner = %__MODULE__{robot: robot, given: given, persistence: Persistence.whereis(robot)}
 
-    # What is there already was left by an owner that crashed, and is newer than what was declared.
+    # What is there already was left by an owner that crashed, and is newer than what was
+    # declared.
     missing = Enum.reject(robot.robot().parameters, &known?(owner, &1.path))
     introduce(owner, missing)
     {:ok, Enum.reduce(Table.watches(robot), owner, &follow/2)}

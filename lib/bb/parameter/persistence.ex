@@ -1,10 +1,11 @@
 defmodule BB.Parameter.Persistence do
   @moduledoc """
-  Has a robot's store keep what is set, and answers those who set it. What waits is saved together, by one call of
-  the store.
+  Has a robot's store keep what is set, and answers those who set it. What waits is saved
+  together, by one call of the store.
 
-  What the store does not take is tried again: with the next value, and after a while. Until then the alarm
-  `{BB.Parameter, robot, :not_kept}` is set. What has not been kept is in the robot's table too, so that it outlives this process.
+  What the store does not take is tried again: with the next value, and after a while. Until then
+  the alarm `{BB.Parameter, robot, :not_kept}` is set. What has not been kept is in the robot's
+  table too, so that it outlives this process.
   """
 
   use GenServer
@@ -64,7 +65,8 @@ defmodule BB.Parameter.Persistence do
   defp name(robot), do: Module.concat(robot, ParameterPersistence)
 
   @doc """
-  Has values kept that are unkept in the table, by their `id`. `from` gets `:ok` or `{:error, {:not_kept, reason}}`.
+  Has values kept that are unkept in the table, by their `id`. `from` gets `:ok` or `{:error,
+  {:not_kept, reason}}`.
   """
   @spec keep(pid(), GenServer.from(), Table.id(), Session.values()) :: :ok
   def keep(persistence, from, id, values) do

@@ -1,7 +1,8 @@
 defmodule BB.Parameter.Store do
   @moduledoc """
-  Where parameters are kept while the robot is off: a behaviour, and `settings parameter_store {Module, opts}` in the robot.
-  `BB.Parameter.Store.Log` is the one to take; write your own when values belong somewhere else, such as on a server.
+  Where parameters are kept while the robot is off: a behaviour, and `settings parameter_store
+  {Module, opts}` in the robot. `BB.Parameter.Store.Log` is the one to take; write your own when
+  values belong somewhere else, such as on a server.
 
       defmodule MyRobot.Store do
         @behaviour BB.Parameter.Store
@@ -19,28 +20,31 @@ defmodule BB.Parameter.Store do
         def close(store), do: shut(store)
       end
 
-  All callbacks of a robot's store run in one process of their own, one after the other. `BB.Parameter.set/3` and `set_many/2`
-  return when their values are saved. Values that wait at the same time are saved together.
+  All callbacks of a robot's store run in one process of their own, one after the other.
+  `BB.Parameter.set/3` and `set_many/2` return when their values are saved. Values that wait at
+  the same time are saved together.
 
-  What is saved is what `set/3` and `set_many/2` set, never defaults or the values of `start_link(params: …)`. What `load/1`
-  returns is checked as any other value; a value that does not fit its parameter (any more) is logged and dropped.
+  What is saved is what `set/3` and `set_many/2` set, never defaults or the values of
+  `start_link(params: …)`. What `load/1` returns is checked as any other value; one that does
+  not fit its parameter (any more) is logged and dropped.
 
   ## When a store fails
 
   A callback may return an error, raise, throw, exit, return something else, or not return: after
-  five seconds its process is killed. The robot runs, with the values that it has. What cannot be saved is set all the same, `set/3`
-  returns `{:error, {:not_kept, reason}}`, and the alarm `{BB.Parameter, robot, :not_kept}` is set. The store is tried
-  again with the next value and every few seconds; when it works again it gets all that it missed, and the alarm is cleared.
+  five seconds its process is killed. The robot runs, with the values that it has. What cannot be
+  saved is set all the same, `set/3` returns `{:error, {:not_kept, reason}}`, and the alarm
+  `{BB.Parameter, robot, :not_kept}` is set. The store is tried again with the next value and
+  every few seconds; when it works again it gets all that it missed, and the alarm is cleared.
 
-  A store that could not be opened or loaded is opened and loaded anew. It is not written before. The values that
-  it turns out to have are taken on at the robot's next start.
+  A store that could not be opened or loaded is opened and loaded anew. It is not written before.
+  The values that it turns out to have are taken on at the robot's next start.
   """
 
   @type state :: term()
 
   @typedoc """
-  What a store found damaged: the file, the name under which it is kept (`nil` when it could not be renamed), and how
-  many values are lost.
+  What a store found damaged: the file, the name under which it is kept (`nil` when it could not
+  be renamed), and how many values are lost.
   """
   @type damage :: %{
           file: Path.t(),
@@ -58,13 +62,16 @@ defmodule BB.Parameter.Store do
   @callback save(state(), BB.Parameter.path(), value :: term()) :: :ok | {:error, term()}
 
   @doc """
-  Stores several values, all or none. A store without this callback gets each value by `c:save/3`, and a
-  `BB.Parameter.set_many/2` may then be stored in part.
+  Stores several values, all or none. A store without this callback gets each value by `c:save/3`,
+  and a `BB.Parameter.set_many/2` may then be stored in part.
   """
   @callback save_many(state(), [{BB.Parameter.path(), value :: term()}]) ::
               :ok | {:error, term()}
 
-  @doc "What was found damaged when the store was opened, for the alarm `{BB.Parameter, robot, :damaged}`."
+  @doc """
+  What was found damaged when the store was opened, for the alarm `{BB.Parameter, robot,
+  :damaged}`.
+  """
   @callback damage(state()) :: nil | damage()
 
   @doc "Closes the store, when the robot is stopped."

@@ -1,7 +1,7 @@
 defmodule BB.Parameter.Supervisor do
   @moduledoc """
-  The robot's runtime in its tree: the table of its parameters, what has a store keep them, and their owner. The last two
-  are started again without losing a value.
+  The robot's runtime in its tree: the table of its parameters, what has a store keep them, and
+  their owner. The last two are started again without losing a value.
   """
 
   use Supervisor
@@ -10,7 +10,9 @@ defmodule BB.Parameter.Supervisor do
 
   @max_restarts 100
 
-  @doc "The runtime's place under the robot's root. `given` are the values of `start_link(params: …)`."
+  @doc """
+  The runtime's place under the robot's root. `given` are the values of `start_link(params: …)`.
+  """
   @spec child_spec({module(), Startup.values()}) :: Supervisor.child_spec()
   def child_spec({robot, given}) do
     %{id: :runtime, start: {__MODULE__, :start_link, [{robot, given}]}, type: :supervisor}

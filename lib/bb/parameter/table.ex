@@ -1,9 +1,10 @@
 defmodule BB.Parameter.Table do
   @moduledoc """
-  Where a robot's parameters are: an ETS table that anyone reads. `BB.Parameter.Owner` writes it, and
-  `BB.Parameter.Persistence` what of it the store has.
+  Where a robot's parameters are: an ETS table that anyone reads. `BB.Parameter.Owner` writes it,
+  and `BB.Parameter.Persistence` what of it the store has.
 
-  The process here owns the table and does nothing else, so that the values outlive a crash of the writer.
+  The process here owns the table and does nothing else, so that the values outlive a crash of the
+  writer.
   """
 
   use GenServer
@@ -33,7 +34,10 @@ defmodule BB.Parameter.Table do
     {:ok, :ets.new(name(robot), [:named_table, :public, read_concurrency: true])}
   end
 
-  @doc "A parameter's value: `{:ok, value}` or `:error`. Raises `ArgumentError` when the robot is not started."
+  @doc """
+  A parameter's value: `{:ok, value}` or `:error`. Raises `ArgumentError` when the robot is not
+  started.
+  """
   @spec fetch(module(), BB.Parameter.path()) :: {:ok, term()} | :error
   def fetch(robot, path) do
     case lookup(robot, {:value, path}) do

@@ -80,7 +80,7 @@ defmodule BB.Parameter.PersistenceTest do
   ]
 
   # One that loops takes a processor as long as it is let.
-  @cases for({store, callback} <- @stores, failure <- @failures, do: {store, callback, failure}) ++
+  @cases for({store, callback} <- @stores, how <- @failures, do: {store, callback, how}) ++
            [{FlakyStore, :save, :loops}]
 
   test "whatever a callback does hurts only its store, which is used again when it works" do

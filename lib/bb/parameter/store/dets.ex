@@ -1,21 +1,25 @@
 defmodule BB.Parameter.Store.Dets do
   @moduledoc """
-  Keeps parameters in a file by OTP's `:dets`, for robots that have such a file. `BB.Parameter.Store.Log` keeps more
-  promises, and takes the file over when it gets the same `path:`.
+  Keeps parameters in a file by OTP's `:dets`, for robots that have such a file.
+  `BB.Parameter.Store.Log` keeps more promises, and takes the file over when it gets the same
+  `path:`.
 
       settings do
         parameter_store {BB.Parameter.Store.Dets, path: "/data/params"}
       end
 
-  Values are on the disk when `BB.Parameter.set/3` or `set_many/2` returns, by one sync. A file that was not closed, because the
-  power failed, is repaired when it is opened. One that is beyond repair, or from which values are missing after it, is kept as
-  `path.corrupt` (`path.corrupt.2` to `.9` beside earlier ones), with a warning and the alarm
-  `{BB.Parameter, robot, :damaged}`; it never keeps the robot from starting. Folders above `path` are made when they are missing.
+  Values are on the disk when `BB.Parameter.set/3` or `set_many/2` returns, and after a kill all of a
+  `set_many/2` are there, or none. That takes two syncs. A file that was not closed, because the
+  power failed, is repaired when it is opened. One that is beyond repair, or from which values are
+  missing after it, is kept as `path.corrupt` (`path.corrupt.2` to `.9` beside earlier ones), with a
+  warning and the alarm `{BB.Parameter, robot, :damaged}`; it never keeps the robot from starting.
+  Folders above `path` are made when they are missing.
 
   DETS has no checksums, so these do not hold for it:
 
-    * A kill in the midst of `set_many/2` may leave some of its values.
-    * A wrong byte in a value may go unnoticed, and so may a value that is missing from a file that was not closed.
+    * A wrong byte in a value may go unnoticed, and so may a value that is missing from a file
+      that was not closed.
+    * A power failure while a value is written may cost that value and the one before it.
     * There is no generation before: what is lost is lost.
   """
 
@@ -26,9 +30,13 @@ defmodule BB.Parameter.Store.Dets do
   alias BB.Parameter.Store
   alias BB.Parameter.Store.Disk
 
-  # As OTP writes the head of a file: 4 bytes each, the second says what it is, the ninth has the number of rows.
+  # As OTP writes the head of a file: 4 bytes each, the second says what it is, the ninth has the
+  # number of rows.
   @cookie 0x00ABCDEF
   @copy ".import"
+
+  # The row of the latest change. A kill may have left some of its values as they were before.
+  @latest :latest
 
   @doc "Opens the file at `path:`, or makes it with the folders above it."
   @impl BB.Parameter.Store
@@ -49,15 +57,30 @@ defmodule BB.Parameter.Store.Dets do
   @impl BB.Parameter.Store
   def save(store, path, value), do: save_many(store, [{path, value}])
 
-  @doc "Stores values by one sync."
+  @doc "Stores values, all or none: first as one row, then each in its own."
   @impl BB.Parameter.Store
-  def save_many(%{table: table}, values) do
-    with :ok <- :dets.insert(table, values),
-         :ok <- :dets.sync(table) do
+  def save_many(%{table: table, file: file}, values) do
+    with :ok <- reopen(table, file, :dets.info(table)),
+         :ok <- insert(table, values) do
       :ok
     else
-      {:error, reason} -> {:error, plain(reason)}
+      {:error, reason} ->
+        # After an error of the file a table takes nothing any more, until it is opened anew.
+        _ = :dets.close(table)
+        {:error, plain(reason)}
     end
+  end
+
+  defp reopen(table, file, :undefined),
+    do: with({:ok, ^table, _rows} <- open_table(table, file), do: :ok)
+
+  defp reopen(_table, _file, _info), do: :ok
+
+  defp insert(table, values) do
+    with :ok <- :dets.insert(table, {@latest, values}),
+         :ok <- :dets.sync(table),
+         :ok <- :dets.insert(table, values),
+         do: :dets.sync(table)
   end
 
   @doc "What was found damaged when the file was opened, or `nil`."
@@ -73,10 +96,11 @@ defmodule BB.Parameter.Store.Dets do
   def file?(path), do: :dets.is_dets_file(to_charlist(path)) == true
 
   @doc """
-  The values in a file, which is left as it is, and how many are missing; for a store that takes it over.
+  The values in a file, which is left as it is, and how many are missing; for a store that takes
+  it over.
   """
   @spec read(Path.t()) ::
-          {:ok, [{BB.Parameter.path(), term()}], non_neg_integer()} | {:error, term()}
+          {:ok, [{BB.Parameter.path(), term()}], non_neg_integer() | :unknown} | {:error, term()}
   def read(path) do
     copy = path <> @copy
 
@@ -94,7 +118,8 @@ defmodule BB.Parameter.Store.Dets do
     remove_copy(path)
   end
 
-  # To open a damaged file changes it, so what may have to be kept is a copy. On a full disk there is none.
+  # To open a damaged file changes it, so what may have to be kept is a copy. On a full disk there
+  # is none.
   defp open(robot, file) do
     copy =
       if File.regular?(file) and match?({:ok, _}, File.copy(file, file <> @copy)),
@@ -110,7 +135,7 @@ defmodule BB.Parameter.Store.Dets do
 
     case open_table({__MODULE__, robot}, file) do
       {:ok, table, rows} ->
-        {:ok, %{table: table, damage: check(robot, file, copy, counted, rows)}}
+        {:ok, %{table: table, file: file, damage: check(robot, file, copy, counted, rows)}}
 
       {:error, reason} ->
         begin_anew(robot, file, copy, plain(reason))
@@ -119,10 +144,11 @@ defmodule BB.Parameter.Store.Dets do
 
   defp check(robot, file, copy, counted, rows) do
     lost = missing(counted, rows)
-    if lost > 0, do: damage(robot, file, copy, lost)
+    if lost != 0, do: damage(robot, file, copy, lost)
   end
 
-  # What the file system says is an atom, such as :eacces: nothing is wrong with the file's content then.
+  # What the file system says is an atom, such as :eacces: nothing is wrong with the file's
+  # content then.
   defp begin_anew(_robot, _file, _copy, reason) when is_atom(reason), do: {:error, reason}
 
   defp begin_anew(robot, file, copy, reason) do
@@ -136,7 +162,7 @@ defmodule BB.Parameter.Store.Dets do
 
     with :ok <- File.rm(file),
          {:ok, table, _rows} <- open_table({__MODULE__, robot}, file) do
-      {:ok, %{table: table, damage: damage}}
+      {:ok, %{table: table, file: file, damage: damage}}
     else
       {:error, reason} -> {:error, plain(reason)}
     end
@@ -165,13 +191,15 @@ defmodule BB.Parameter.Store.Dets do
     end
   end
 
-  # Those of Beam Bots first, so that ours go before them.
+  # The rows of Beam Bots, then ours, then the latest change: the later go before the earlier.
   defp pairs(rows) do
-    theirs = for {{:param, [_ | _] = path}, value} <- rows, into: %{}, do: {path, value}
-    ours = for {[_ | _] = path, value} <- rows, into: %{}, do: {path, value}
-    theirs |> Map.merge(ours) |> Map.to_list()
+    theirs = for {{:param, [_ | _] = path}, value} <- rows, do: {path, value}
+    ours = for {[_ | _] = path, value} <- rows, do: {path, value}
+    latest = for {@latest, values} when is_list(values) <- rows, pair <- values, do: pair
+    Map.to_list(Map.new(theirs ++ ours ++ latest))
   end
 
+  defp plain({:file_error, _file, {_writes, posix}}), do: posix
   defp plain({:file_error, _file, posix}), do: posix
   defp plain(reason), do: reason
 
@@ -181,7 +209,11 @@ defmodule BB.Parameter.Store.Dets do
          else: (_ -> 0)
   end
 
-  defp missing(counted, rows), do: max(counted - length(rows), 0)
+  # The row of the latest change is no value. Whether it was there, only itself could say.
+  defp missing(counted, rows) do
+    missing = max(counted - length(rows), 0)
+    if missing > 0 and not List.keymember?(rows, @latest, 0), do: :unknown, else: missing
+  end
 
   defp damage(robot, file, copy, lost) do
     damage = %{file: file, kept_as: kept_as(file, copy), lost: lost}

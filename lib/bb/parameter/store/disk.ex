@@ -1,9 +1,11 @@
 defmodule BB.Parameter.Store.Disk do
   @moduledoc """
-  How a store's file is changed so that a power failure at any instant leaves the old one or the new one.
+  How a store's file is changed so that a power failure at any instant leaves the old one or the
+  new one.
 
-  A new file is written beside the old one as `path.new`, brought to the disk, and takes the name in one step; the folder,
-  which has the names, is brought to the disk after it. What is renamed or made is not there for good before that.
+  A new file is written beside the old one as `path.new`, brought to the disk, and takes the name
+  in one step; the folder, which has the names, is brought to the disk after it. What is renamed
+  or made is not there for good before that.
   """
 
   @type reason :: :file.posix() | :badarg | :terminated
@@ -82,8 +84,8 @@ defmodule BB.Parameter.Store.Disk do
   end
 
   @doc """
-  Writes bytes at a place in a file where other bytes are expected, for good. `:changed` when they are not there, or the file
-  is not.
+  Writes bytes at a place in a file where other bytes are expected, for good. `:changed` when they
+  are not there, or the file is not.
   """
   @spec overwrite(Path.t(), non_neg_integer(), binary(), iodata()) ::
           :ok | :changed | {:error, reason()}
@@ -127,8 +129,8 @@ defmodule BB.Parameter.Store.Disk do
   end
 
   @doc """
-  Gives a file another name too, that nobody has: `name`, or `name.2` to `name.9` beside earlier ones. When all are taken the
-  last gives way.
+  Gives a file another name too, that nobody has: `name`, or `name.2` to `name.9` beside earlier
+  ones. When all are taken the last gives way.
   """
   @spec set_aside(Path.t(), Path.t()) :: {:ok, Path.t()} | {:error, reason()}
   def set_aside(file, name) do

@@ -1,10 +1,10 @@
 defmodule BB.Parameter.Store.Host do
   @moduledoc """
-  The process in which a store's callbacks run, and the one place that calls them. Whatever a callback does is a result for
-  the caller, within bounded time.
+  The process in which a store's callbacks run, and the one place that calls them. Whatever a
+  callback does is a result for the caller, within bounded time.
 
-  A host is linked to the process that started it. One that has been killed, for a callback that did not return, is of no
-  further use; the store is opened anew in another.
+  A host is linked to the process that started it. One that has been killed, for a callback that
+  did not return, is of no further use; the store is opened anew in another.
   """
 
   @type failure :: {:error, reason :: term()} | {:gone, reason :: term()}
@@ -17,8 +17,9 @@ defmodule BB.Parameter.Store.Host do
   end
 
   @doc """
-  What `fun` returns, run by the host: `{:ok, value}`. `{:error, reason}` when it raised, threw or exited. `{:gone, reason}` when the
-  host died of it, or was killed since there was no answer within `timeout_ms`.
+  What `fun` returns, run by the host: `{:ok, value}`. `{:error, reason}` when it raised, threw or
+  exited. `{:gone, reason}` when the host died of it, or was killed since there was no answer
+  within `timeout_ms`.
   """
   @spec call(pid(), (() -> value), timeout_ms :: pos_integer()) :: {:ok, value} | failure()
         when value: term()

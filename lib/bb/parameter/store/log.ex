@@ -1,13 +1,15 @@
 defmodule BB.Parameter.Store.Log do
   @moduledoc """
-  Keeps parameters in a small file that survives kills, power failures and damage; the store for a robot that needs no other:
+  Keeps parameters in a small file that survives kills, power failures and damage; the store for a
+  robot that needs no other:
 
       settings do
         parameter_store {BB.Parameter.Store.Log, path: "/data/params"}
       end
 
-  A change is appended as one record with checksums and is on the disk when `BB.Parameter.set/3` or `set_many/2` returns, by
-  one sync whatever the number of values. After a kill or a power failure at any instant it is there as a whole, or not at all.
+  A change is appended as one record with checksums and is on the disk when `BB.Parameter.set/3`
+  or `set_many/2` returns, by one sync whatever the number of values. After a kill or a power
+  failure at any instant it is there as a whole, or not at all.
 
   | beside `path` | what it is |
   |---|---|
@@ -16,22 +18,25 @@ defmodule BB.Parameter.Store.Log do
   | `path.dets` | the file of `BB.Parameter.Store.Dets` that was taken over |
   | `path.new` | the next generation, while it is written |
 
-  A full file is replaced by a new one with the values alone, and so is that of an earlier start, when the first value is set.
+  A full file is replaced by a new one with the values alone, and so is that of an earlier start,
+  when the first value is set.
 
   ## Damage
 
-  A file that was cut, or in which a byte is wrong, is known by its checksums. It is kept as `path.corrupt`. Every value that can be
-  read is used, those of the generation before take the place of the others, and the log and the alarm
-  `{BB.Parameter, robot, :damaged}` say how many values are lost, or that nobody can know. A missing file is
-  damage too when there is a generation before: to forget all parameters remove both.
+  A file that was cut, or in which a byte is wrong, is known by its checksums. It is kept as
+  `path.corrupt`. Every value that can be read is used, those of the generation before take the
+  place of the others, and the log and the alarm `{BB.Parameter, robot, :damaged}` say how many
+  values are lost, or that nobody can know. A missing file is damage too when there is a
+  generation before: to forget all parameters remove both.
 
   ## From DETS
 
-  A file of `BB.Parameter.Store.Dets`, or of Beam Bots, at `path` is read and replaced. It stays as `path.dets`.
+  A file of `BB.Parameter.Store.Dets`, or of Beam Bots, at `path` is read and replaced. It stays
+  as `path.dets`.
 
   ## Limits
 
-  The file has at most 64 MiB. All values are in memory besides. Two robots cannot share a file.
+  The file has at most 16 MiB. All values are in memory besides. Two robots cannot share a file.
   """
 
   @behaviour BB.Parameter.Store
@@ -42,7 +47,7 @@ defmodule BB.Parameter.Store.Log do
   alias BB.Parameter.Store.{Dets, Disk}
   alias BB.Parameter.Store.Log.{Entry, Format, Reading, Recovery}
 
-  @largest 64 * 1024 * 1024
+  @largest 16 * 1024 * 1024
   @previous ".previous"
   # Of values with atoms that the VM does not know. Atoms are never given back.
   @new_bytes 64 * 1024
@@ -62,18 +67,18 @@ defmodule BB.Parameter.Store.Log do
     appendable?: false
   ]
 
-  @typedoc false
-  @opaque t :: %__MODULE__{
-            robot: module(),
-            path: Path.t(),
-            there: :nothing | :whole | :damaged | :dets,
-            entries: %{binary() => binary()},
-            damage: Store.damage() | nil,
-            number: non_neg_integer(),
-            tail: Reading.t() | nil,
-            torn?: boolean(),
-            appendable?: boolean()
-          }
+  @typedoc "The state of a store, which is in a table."
+  @type t :: %__MODULE__{
+          robot: module(),
+          path: Path.t(),
+          there: :nothing | :whole | :damaged | :dets,
+          entries: %{binary() => binary()},
+          damage: Store.damage() | nil,
+          number: non_neg_integer(),
+          tail: Reading.t() | nil,
+          torn?: boolean(),
+          appendable?: boolean()
+        }
 
   @doc "Opens the file at `path:`, or makes it with the folders above it."
   @impl BB.Parameter.Store

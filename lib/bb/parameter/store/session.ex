@@ -1,6 +1,7 @@
 defmodule BB.Parameter.Store.Session do
   @moduledoc """
-  A store that has been opened and loaded, in a process of its own. The results of its callbacks are checked here.
+  A store that has been opened and loaded, in a process of its own. The results of its callbacks
+  are checked here.
   """
 
   alias BB.Parameter.Store

@@ -2,6 +2,7 @@ defmodule BB.Parameter.Store.DetsTest do
   use ExUnit.Case, async: true
 
   import BB.Test.Robot
+  import BB.Test.SmallDisk
   import BB.Unit, only: :sigils
   import ExUnit.CaptureLog
 
@@ -98,8 +99,11 @@ defmodule BB.Parameter.Store.DetsTest do
     cut = binary_part(File.read!(file), 0, 3_000)
     File.write!(file, cut)
     log = capture_log(fn -> start_supervised!(robot) end)
-    assert log =~ "cannot be read as a whole; 2 values are lost; it is now #{file}.corrupt"
-    assert [%{lost: 2, kept_as: kept_as}] = damages(robot)
+
+    assert log =~
+             "cannot be read as a whole; how many values are lost cannot be known; it is now "
+
+    assert [%{lost: :unknown, kept_as: kept_as}] = damages(robot)
     assert File.read!(kept_as) == cut
     assert Path.wildcard(file <> ".import") == []
   end
@@ -122,6 +126,34 @@ defmodule BB.Parameter.Store.DetsTest do
       capture_log(fn -> start_supervised!(robot) end)
       assert is_float(Parameter.get!(robot, [:gain]))
       stop_supervised!(robot)
+    end
+  end
+
+  test "a set_many of which a kill left a part is whole when the file is opened", %{stored: file} do
+    File.mkdir_p!(Path.dirname(file))
+    {:ok, table} = :dets.open_file(make_ref(), file: to_charlist(file), type: :set)
+    rows = [{[:a], 1}, {[:b], 1}, {[:c], 1}]
+    # First the change as one row; then a kill came after the first of its values.
+    :ok = :dets.insert(table, rows ++ [{:latest, [{[:a], 2}, {[:b], 2}]}, {[:a], 2}])
+    :ok = :dets.close(table)
+    {:ok, store} = Dets.init(SomeRobot, path: file)
+    assert {:ok, [{[:a], 2}, {[:b], 2}, {[:c], 1}]} = Dets.load(store)
+    assert Dets.save(store, [:b], 3) == :ok
+    assert {:ok, [{[:a], 2}, {[:b], 3}, {[:c], 1}]} = Dets.load(store)
+    :ok = Dets.close(store)
+  end
+
+  test "a disk that is full is used again when there is room" do
+    with {:ok, folder} <- mount(128) do
+      {:ok, store} = Dets.init(SomeRobot, path: Path.join(folder, "params"))
+      :ok = Dets.save(store, [:a], 1)
+      fill(folder)
+      assert Dets.save(store, [:b], String.duplicate("b", 20_000)) == {:error, :enospc}
+      assert {:error, _} = Dets.save(store, [:b], String.duplicate("b", 20_000))
+      free(folder)
+      assert Dets.save(store, [:b], 2) == :ok
+      assert {:ok, [{[:a], 1}, {[:b], 2}]} = Dets.load(store)
+      :ok = Dets.close(store)
     end
   end
 

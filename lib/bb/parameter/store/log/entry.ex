@@ -1,6 +1,7 @@
 defmodule BB.Parameter.Store.Log.Entry do
   @moduledoc """
-  A value as `BB.Parameter.Store.Log` writes it: `{key, data}`, the path and the value as bytes of their own. Pure.
+  A value as `BB.Parameter.Store.Log` writes it: `{key, data}`, the path and the value as bytes of
+  their own. Pure.
 
   The store keeps and copies bytes. A value that this robot cannot read, because an update removed
   what it names, therefore stays in the file for the robot that can.
@@ -20,12 +21,16 @@ defmodule BB.Parameter.Store.Log.Entry do
   @spec encode(BB.Parameter.path(), term()) :: t()
   def encode(path, value), do: {encode_term(path), encode_term(value)}
 
-  @doc "The path and the value; `:error` for bytes that are no term, or name an atom that this VM does not know."
+  @doc """
+  The path and the value; `:error` for bytes that are no term, or name an atom that this VM does
+  not know.
+  """
   @spec decode(t()) :: {:ok, {BB.Parameter.path(), term()}} | :error
   def decode(entry), do: decode(entry, [:safe])
 
   @doc """
-  As `decode/1`, but new atoms are made. They are never given back, so the caller bounds the bytes.
+  As `decode/1`, but new atoms are made. They are never given back, so the caller bounds the
+  bytes.
   """
   @spec decode_new(t()) :: {:ok, {BB.Parameter.path(), term()}} | :error
   def decode_new(entry), do: decode(entry, [])

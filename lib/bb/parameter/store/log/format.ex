@@ -2,7 +2,8 @@ defmodule BB.Parameter.Store.Log.Format do
   @moduledoc """
   The bytes of a file of `BB.Parameter.Store.Log`. Pure.
 
-  A file is made in its full size and never grows. Integers are big-endian, each `crc` is a CRC-32:
+  A file is made in its full size and never grows. Integers are big-endian, each `crc` is a
+  CRC-32:
 
       header   "BBparams" version:16 0:16 size:32 generation:32 base:32 crc:32
       frame    "set!" length:32 before:32 crc:32, payload, crc:32
@@ -10,15 +11,16 @@ defmodule BB.Parameter.Store.Log.Format do
       end      "end." before:32 crc:32 "."
       zeros    as far as size
 
-  `size` is the file's own, so that a file that was cut is known by it. `generation` counts the files that took each other's
-  place. The first `base` values are those of the generation before, one in each frame; each later frame is one change,
-  which is there as a whole or not at all. A payload is `key_size:32 data_size:32 key data` for each value. `before` counts the
-  values in all frames before, so that a frame that cannot be read leaves a gap of known size. Checksums cover the place in the file
-  too, so that a copy of a frame inside a value is no frame.
+  `size` is the file's own, so that a file that was cut is known by it. `generation` counts the
+  files that took each other's place. The first `base` values are those of the generation before,
+  one in each frame; each later frame is one change, which is there as a whole or not at all. A
+  payload is `key_size:32 data_size:32 key data` for each value. `before` counts the values in all
+  frames before, so that a frame that cannot be read leaves a gap of known size. Checksums cover
+  the place in the file too, so that a copy of a frame inside a value is no frame.
 
-  A change is one write over the old end: its frame, and the new end. Where such a write was broken off, by a
-  power failure for one, the old bytes stand behind that place. That tells it from damage, and what was broken off was never
-  acknowledged.
+  A change is one write over the old end: its frame, and the new end. Where such a write was
+  broken off, by a power failure for one, the old bytes stand behind that place. That tells it
+  from damage, and what was broken off was never acknowledged.
   """
 
   alias BB.Parameter.Store.Log.{Entry, Reading}
@@ -32,9 +34,12 @@ defmodule BB.Parameter.Store.Log.Format do
   @end_magic "end."
   @end_size 13
   @block 4_096
+  # But for a file that is large itself.
+  @most_free 65_536
 
   @doc """
-  A new file: the values of the generation before, and a change. The reading tells where the next change goes.
+  A new file: the values of the generation before, and a change. The reading tells where the next
+  change goes.
 
       iex> alias BB.Parameter.Store.Log.{Entry, Format}
       iex> {bytes, _reading} =
@@ -60,7 +65,9 @@ defmodule BB.Parameter.Store.Log.Format do
     {bytes, %{reading | size: size, end_at: end_at}}
   end
 
-  @doc "The write of a change, to be made at `reading.end_at`, and the reading after it; or `:full`."
+  @doc """
+  The write of a change, to be made at `reading.end_at`, and the reading after it; or `:full`.
+  """
   @spec append(Reading.t(), [Entry.t()]) :: {:ok, iodata(), Reading.t()} | :full
   def append(%Reading{} = reading, change) do
     {frame, {end_at, values}} = frame(change, {reading.end_at, reading.values})
@@ -75,8 +82,8 @@ defmodule BB.Parameter.Store.Log.Format do
   def ending(%Reading{} = reading), do: ending(reading.end_at, reading.values)
 
   @doc """
-  Reads a file. Whatever the bytes, what is returned had been written by `new/3` or `append/2`; what cannot be read is
-  counted.
+  Reads a file. Whatever the bytes, what is returned had been written by `new/3` or `append/2`;
+  what cannot be read is counted.
 
   `{:error, {:version, n}}` is a file by a later release of this library.
   """
@@ -109,7 +116,8 @@ defmodule BB.Parameter.Store.Log.Format do
   defp encode({key, data}),
     do: <<byte_size(key)::32, byte_size(data)::32, key::binary, data::binary>>
 
-  # It ends in a byte that is not zero: behind a write that was broken off stand the zeros of before.
+  # It ends in a byte that is not zero: behind a write that was broken off stand the zeros of
+  # before.
   defp ending(at, before) do
     head = <<@end_magic, before::32>>
     <<head::binary, crc(at, head)::32, ".">>
@@ -119,8 +127,11 @@ defmodule BB.Parameter.Store.Log.Format do
 
   defp zeros(count), do: :binary.copy(<<0>>, count)
 
-  # Half of a new file is free, so that few changes need a new one.
-  defp size_for(used), do: div(2 * used + @block - 1, @block) * @block
+  # Most of a new file is free, so that few changes need another.
+  defp size_for(used) do
+    free = max(min(3 * used, @most_free), div(used, 2))
+    div(used + free + @block - 1, @block) * @block
+  end
 
   # Reading
 
@@ -240,7 +251,8 @@ defmodule BB.Parameter.Store.Log.Format do
     written != "" and String.starts_with?(ending, written)
   end
 
-  # How many bytes were written, before there stand those that stood there before: the old end, and zeros.
+  # How many bytes were written, before there stand those that stood there before: the old end,
+  # and zeros.
   defp written(tail, old_end) do
     used = byte_size(String.trim_trailing(tail, <<0>>))
     if used > @end_size, do: used, else: changed(tail, old_end)

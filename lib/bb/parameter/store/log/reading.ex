@@ -1,12 +1,15 @@
 defmodule BB.Parameter.Store.Log.Reading do
   @moduledoc """
-  What stands in a file of `BB.Parameter.Store.Log`, as `BB.Parameter.Store.Log.Format.read/1` found it. Pure.
+  What stands in a file of `BB.Parameter.Store.Log`, as `BB.Parameter.Store.Log.Format.read/1`
+  found it. Pure.
 
-    * `entries` - the values in the order in which they were set, those of the generation before first
-    * `generation` and `base` - the file's number, and how many values the generation before had; `nil` when the header is damaged
+    * `entries` - the values in the order in which they were set, those of the generation before
+      first
+    * `generation` and `base` - the file's number, and how many values the generation before had;
+      `nil` when the header is damaged
     * `values` - how many values stand before the place that `end_at` names
-    * `lost` and `base_lost` - how many values cannot be read, of the changes and of the generation before;
-      `:unknown` when the file has no end
+    * `lost` and `base_lost` - how many values cannot be read, of the changes and of the
+      generation before; `:unknown` when the file has no end
     * `damaged?` - whether bytes are wrong or missing
     * `torn?` - whether the last write was broken off
     * `size` and `end_at` - the file's size, and where the next change goes

@@ -2,8 +2,8 @@ defmodule BB.Parameter.Store.Log.Recovery do
   @moduledoc """
   What a file of `BB.Parameter.Store.Log` and the generation before it say together. Pure.
 
-  `entries` are the newest values that can be read, by their keys. `lost` counts those that cannot; it is `nil` when the
-  file is whole. `number` is that of the newest generation.
+  `entries` are the newest values that can be read, by their keys. `lost` counts those that
+  cannot; it is `nil` when the file is whole. `number` is that of the newest generation.
   """
 
   alias BB.Parameter.Store.Log.Reading

@@ -8,7 +8,8 @@ defmodule BB.Parameter.Store.Log.FormatTest do
 
   doctest Format
 
-  # A file as it is in use: the base of a generation, the change it was made for, and some changes appended to it.
+  # A file as it is in use: the base of a generation, the change it was made for, and some changes
+  # appended to it.
   defp file(base, first, changes) do
     {bytes, reading} = Format.new(3, base, first)
     Enum.reduce(changes, {IO.iodata_to_binary(bytes), reading}, &append/2)
@@ -49,7 +50,7 @@ defmodule BB.Parameter.Store.Log.FormatTest do
     assert {reading.end_at, reading.size} == {tail.end_at, byte_size(bytes)}
   end
 
-  test "a file has the room of blocks, half of it free, and says when it is full" do
+  test "a file has the room of blocks, most of it free, and says when it is full" do
     {bytes, reading} = Format.new(1, [], [])
     assert IO.iodata_length(bytes) == 4_096
     value = String.duplicate("v", 1_000)
@@ -58,7 +59,7 @@ defmodule BB.Parameter.Store.Log.FormatTest do
     assert {:ok, _, reading} = Format.append(reading, [{"k", value}])
     assert Format.append(reading, [{"k", value}]) == :full
     {bytes, _} = Format.new(2, [{"k", String.duplicate("v", 5_000)}], [])
-    assert IO.iodata_length(bytes) == 12_288
+    assert IO.iodata_length(bytes) == 20_480
   end
 
   test "a file of a later release is an error and not damage, if its checksum is right" do
@@ -70,7 +71,8 @@ defmodule BB.Parameter.Store.Log.FormatTest do
   end
 
   describe "damage" do
-    # What is returned was set, in that order; and if anything is missing, the reading says so, and how much.
+    # What is returned was set, in that order; and if anything is missing, the reading says so,
+    # and how much.
     defp assert_honest(reading, what) do
       assert subsequence?(reading.entries, all()), "#{what}: #{inspect(reading)}"
       missing = length(all()) - length(reading.entries)

@@ -1,6 +1,7 @@
 defmodule BB.Parameter.Store.Log.KillTest do
   @moduledoc """
-  Kills a VM at random instants, a hundred times (`KILLS=1000 mix test …` for more), while fifty processes of it set parameters.
+  Kills a VM at random instants, a hundred times (`KILLS=1000 mix test …` for more), while fifty
+  processes of it set parameters.
   """
 
   use ExUnit.Case, async: true
