@@ -97,7 +97,12 @@ impl Life {
         buffer: &mut Vec<u8>,
         spoil: bool,
     ) -> Result<(), Failure> {
-        self.identity.sequence = self.publisher.next_sequence();
+        // The number that the message will have: behind the slots that readers hold, of which a loan passes over.
+        match self.publisher.loan(0) {
+            Ok(loan) => self.identity.sequence = loan.sequence(),
+            Err(PublishError::SlotHeld) => return Ok(()),
+            Err(error) => return Err(world(error)),
+        }
         // Of long messages every other one has all the length there is, so that many a death is in the midst of one.
         let len = if self.longest > LONG_MESSAGE && random.one_in(2) {
             self.longest

@@ -56,6 +56,8 @@ pub struct Reader {
     pub lost: u64,
     /// Messages it holds in their slots.
     pub leases: u32,
+    /// Their sequence numbers, the oldest first. One that is older than the ring has slots costs the topic a number a lap.
+    pub held: Vec<u64>,
 }
 
 /// What there is to know about a topic, at one moment.
@@ -82,7 +84,7 @@ pub struct Info {
     pub last_publish_ns: u64,
     /// What to add to a time stamp to get wall time, as of the publisher's start.
     pub realtime_offset_ns: i64,
-    /// Messages dropped because a reader held the slot.
+    /// Numbers passed over because a reader held the slot, and messages dropped because readers held all slots.
     pub dropped_pinned: u64,
     /// Messages rejected because they were too large.
     pub rejected_oversize: u64,
@@ -151,6 +153,7 @@ fn reader_of(attached: &Attached, line: ReaderLine) -> Option<Reader> {
     let memory: &Memory = &attached.memory;
     let has = |mask| memory.u32(mask).load(Relaxed) & line.bit() != 0;
     let native = claim::is_native_claim(memory, line);
+    let held = pins::held(memory, line);
     has(SUBSCRIBER_MASK).then(|| Reader {
         index: line.index(),
         native,
@@ -159,6 +162,7 @@ fn reader_of(attached: &Attached, line: ReaderLine) -> Option<Reader> {
         pid: memory.u32(line.pid()).load(Relaxed),
         next_sequence: memory.u64(line.read_idx()).load(Relaxed),
         lost: memory.u64(line.lost_count()).load(Relaxed),
-        leases: pins::count(memory, line),
+        leases: held.len() as u32,
+        held,
     })
 }

@@ -24,6 +24,9 @@ pub(crate) const STATE_RETIRED: u32 = 3;
 /// `seq_hi` of a slot that is being written.
 pub(crate) const POISON: u32 = 0xFFFF_FFFF;
 
+/// The time in a slot whose number was used up without a message; its length is 0. An empty message has a time.
+pub(crate) const NO_MESSAGE: u64 = 0;
+
 /// Offset of an aligned 32-bit header word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct At32(u16);

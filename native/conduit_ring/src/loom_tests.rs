@@ -26,6 +26,9 @@
 //! | the Acquire in `pins::holds` | `a_slot_is_overwritten_after_the_last_look_at_it` |
 //! | `write_intent` taken back although something was begun | `what_a_loan_left_behind_is_never_accepted` |
 //! | the SeqCst fence in `Writer::resume` | `a_first_pin_is_seen_by_a_successor` |
+//! | length and time taken after the validation in `Reader::take_pinned` | `a_reader_that_pins_while…` |
+//! | a pin counted for the next lap alone in `pins::holds_slot` | `a_successor_respects_what_is_held…` |
+//! | `Reader::is_message` always true | `a_held_slot_is_passed_over_and_others_lose_its_number` |
 //!
 //! The SeqCst fence in `wait::sleep` has no line: the kernel has a full barrier of its own between the waiting bit and
 //! its look at the futex word. The fence makes the protocol sound without counting on that.
@@ -408,7 +411,7 @@ impl Pinner {
         Some(meta)
     }
 
-    /// A pinned message is what was published, whatever the writer does.
+    /// A pinned message is what was published, whatever the writer does: its bytes, and what was taken of its header.
     fn check(&self, memory: &Memory, meta: &Meta) {
         let mut word = [0; 4];
         // SAFETY: the word has room for 4 bytes.
@@ -428,14 +431,18 @@ impl Pinner {
     }
 }
 
-/// Publishes unless a reader holds the slot; whether it did.
+/// Publishes behind the slots that are held, as `Publisher` does; `false` when all are.
 fn try_publish(writer: &mut Writer, memory: &Memory) -> bool {
-    let n = writer.next();
-    let published = writer.publish(memory, &[&payload(n)], time(n)).is_ok();
-    if !published {
-        writer.drop_pinned(memory);
+    loop {
+        let n = writer.next();
+        if writer.publish(memory, &[&payload(n)], time(n)).is_ok() {
+            return true;
+        }
+        if !writer.pass_over(memory) {
+            writer.drop_pinned(memory);
+            return false;
+        }
     }
-    published
 }
 
 #[test]
@@ -541,8 +548,8 @@ fn a_slot_is_overwritten_after_the_last_look_at_it() {
 }
 
 #[test]
-fn a_held_slot_is_left_alone_and_read_by_others() {
-    check(2, || {
+fn a_held_slot_is_passed_over_and_others_lose_its_number() {
+    check(1, || {
         let memory = two_slots();
         let mut writer = Writer::resume(&memory);
         let mut pinner = Pinner::begin(&memory, 0);
@@ -551,17 +558,106 @@ fn a_held_slot_is_left_alone_and_read_by_others() {
         let meta = pinner.pin(&memory).unwrap();
         let other = {
             let memory = memory.clone();
-            thread::spawn(move || read_times(2, &memory, Reader::resume(Dialect::Native, 0, 0)))
+            thread::spawn(move || read_times(1, &memory, Reader::resume(Dialect::Native, 0, 0)))
         };
-        assert!(!try_publish(&mut writer, &memory));
+        assert!(try_publish(&mut writer, &memory));
+        assert_eq!(writer.next(), 4);
         assert_eq!(memory.u64(DROPPED_PINNED).load(Ordering::Relaxed), 1);
         pinner.check(&memory, &meta);
         other.join().unwrap();
-        let mut late = Reader::resume(Dialect::Native, 0, 0);
-        assert_eq!(read(&mut late, &memory).map(|meta| meta.sequence), Some(0));
+        let mut late = Reader::resume(Dialect::Native, 1, 0);
+        assert_eq!(
+            read(&mut late, &memory).map(|meta| (meta.sequence, meta.lost)),
+            Some((3, 2))
+        );
         pinner.unpin(&memory);
         assert!(try_publish(&mut writer, &memory));
+        assert_eq!(read(&mut late, &memory).map(|meta| meta.sequence), Some(4));
     });
+}
+
+#[test]
+fn a_reader_that_pins_while_the_slot_is_passed_over_for_another_gets_a_message_or_nothing() {
+    check(3, || {
+        let memory = two_slots();
+        let mut writer = Writer::resume(&memory);
+        let mut holder = Pinner::begin(&memory, 0);
+        publish(&mut writer, &memory);
+        publish(&mut writer, &memory);
+        let meta = holder.pin(&memory).unwrap();
+        let second = {
+            let memory = memory.clone();
+            thread::spawn(move || {
+                // In the same line, by its second pin.
+                let line = ReaderLine::all().next().unwrap();
+                let mut reader = Reader::resume(Dialect::Native, 0, 0);
+                if let Some(meta) = reader.take_pinned(&memory, line.pins()[1]) {
+                    holder.check(&memory, &meta);
+                }
+            })
+        };
+        assert!(writer.begin(&memory).is_err());
+        assert!(writer.pass_over(&memory));
+        second.join().unwrap();
+        assert_eq!(meta.len, 4);
+    });
+}
+
+#[test]
+fn whoever_pins_twice_round_the_ring_holds_what_was_published() {
+    check(2, || {
+        let memory = two_slots();
+        let mut writer = Writer::resume(&memory);
+        let mut pinner = Pinner::begin(&memory, 0);
+        publish(&mut writer, &memory);
+        publish(&mut writer, &memory);
+        let reader = {
+            let memory = memory.clone();
+            thread::spawn(move || {
+                if let Some(meta) = pinner.pin(&memory) {
+                    pinner.check(&memory, &meta);
+                    pinner.check(&memory, &meta);
+                }
+            })
+        };
+        try_publish(&mut writer, &memory);
+        try_publish(&mut writer, &memory);
+        reader.join().unwrap();
+    });
+}
+
+#[test]
+fn a_successor_respects_what_is_held_wherever_its_predecessor_was_killed() {
+    const STEPS: [fn(&mut Writer, &Memory); 3] = [
+        |_, _| (),
+        // In the midst of looking at the pins.
+        |writer, memory| {
+            let intent = memory.u64(crate::layout::WRITE_INTENT);
+            intent.store(writer.next() + 1, Ordering::Relaxed);
+        },
+        |writer, memory| {
+            let _ = writer.begin(memory);
+            writer.pass_over(memory);
+        },
+    ];
+    for killed_after in STEPS {
+        check(1, move || {
+            let memory = two_slots();
+            let mut predecessor = Writer::resume(&memory);
+            let mut pinner = Pinner::begin(&memory, 0);
+            publish(&mut predecessor, &memory);
+            publish(&mut predecessor, &memory);
+            let meta = pinner.pin(&memory).unwrap();
+            let other = {
+                let memory = memory.clone();
+                thread::spawn(move || read_times(1, &memory, Reader::resume(Dialect::Native, 0, 0)))
+            };
+            killed_after(&mut predecessor, &memory);
+            assert!(try_publish(&mut Writer::resume(&memory), &memory));
+            pinner.check(&memory, &meta);
+            other.join().unwrap();
+        });
+    }
 }
 
 #[test]

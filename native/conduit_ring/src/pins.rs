@@ -1,9 +1,13 @@
-//! Pins: a reader that wants to look at a message where it lies, instead of copying it, says so, and the writer drops new
-//! messages for that slot until the pin is gone. Nobody waits for anybody.
+//! Pins: a reader that wants to look at a message where it lies, instead of copying it, says so, and the writer passes that
+//! slot over until the pin is gone. Nobody waits for anybody.
 //!
 //! A pin is a word in the reader's line: sequence number + 1 of the message that is held. Both sides announce first and look
 //! then, with a SeqCst fence between: the reader writes its pin and looks at `write_intent`; the writer writes `write_intent`
-//! and looks at the pins. At least one of the two sees the other: the reader fails, or the writer leaves the slot alone.
+//! and looks at the pins. At least one of the two sees the other: the reader fails, or the writer leaves the payload alone.
+//!
+//! The header of a held slot is not left alone: the writer puts the number there that it passes over. So a reader takes
+//! length and time once, validates them as it validates a copy, and never looks at the header again. A slot that was passed
+//! over holds a message of more than one lap ago. Hence a pin counts for its slot, whatever the lap of its message.
 //!
 //! # Why the writer needs no fence while nobody uses pins
 //!
@@ -66,34 +70,49 @@ pub(crate) fn in_use(memory: &Memory) -> bool {
     memory.u32(PIN_MASK).load(Ordering::Relaxed) != 0
 }
 
-/// The lines, as bits, that hold the message which message `next` is about to overwrite. `write_intent` says `next` already.
+/// The lines, as bits, that hold a message in the slot which message `next` is about to take. `write_intent` says `next`
+/// already.
 #[cold]
 pub(crate) fn holders(memory: &Memory, next: u64) -> u32 {
     // SeqCst: meets the fence in `pin`.
     fence(Ordering::SeqCst);
-    let Some(held) = next.checked_sub(u64::from(memory.geometry().slot_count())) else {
-        return 0;
-    };
     // Acquire: meets the Release in `announce`, for a bit that has just been set.
     let mask = memory.u32(PIN_MASK).load(Ordering::Acquire);
     ReaderLine::all()
-        .filter(|line| mask & line.bit() != 0 && holds(memory, *line, held))
+        .filter(|line| mask & line.bit() != 0 && holds_slot(memory, *line, next))
         .fold(0, |bits, line| bits | line.bit())
 }
 
-fn holds(memory: &Memory, line: ReaderLine, sequence: u64) -> bool {
-    // Acquire: meets the Release in `unpin`.
-    line.pins()
-        .into_iter()
-        .any(|pin| memory.u64(pin).load(Ordering::Acquire) == sequence.wrapping_add(1))
+/// Whether some slot behind that of message `next` is held by nobody, as far as a look tells: there are fewer pins than most
+/// rings have slots, so that it is a short one.
+#[cold]
+pub(crate) fn is_another_free(memory: &Memory, next: u64) -> bool {
+    (1..u64::from(memory.geometry().slot_count()))
+        .any(|ahead| holders(memory, next.wrapping_add(ahead)) == 0)
 }
 
-/// How many messages the reader of this line holds, for people to read.
+fn holds_slot(memory: &Memory, line: ReaderLine, sequence: u64) -> bool {
+    let lap = u64::from(memory.geometry().slot_count()) - 1;
+    line.pins().into_iter().any(|pin| {
+        // Acquire: meets the Release in `unpin`.
+        let pin = memory.u64(pin).load(Ordering::Acquire);
+        pin != 0 && (pin - 1) & lap == sequence & lap
+    })
+}
+
+/// The messages that the reader of this line holds, the oldest first, for people to read.
 #[cfg(not(loom))]
-pub(crate) fn count(memory: &Memory, line: ReaderLine) -> u32 {
+pub(crate) fn held(memory: &Memory, line: ReaderLine) -> Vec<u64> {
     if memory.u32(PIN_MASK).load(Ordering::Relaxed) & line.bit() == 0 {
-        return 0;
+        return Vec::new();
     }
-    let set = |pin: &At64| memory.u64(*pin).load(Ordering::Relaxed) != 0;
-    line.pins().iter().filter(|pin| set(pin)).count() as u32
+    let pins = line
+        .pins()
+        .map(|pin| memory.u64(pin).load(Ordering::Relaxed));
+    let mut held: Vec<u64> = pins
+        .into_iter()
+        .filter_map(|pin| pin.checked_sub(1))
+        .collect();
+    held.sort_unstable();
+    held
 }

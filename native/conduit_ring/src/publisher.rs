@@ -89,8 +89,8 @@ impl Publisher {
     /// sleeps.
     ///
     /// # Errors
-    /// [`PublishError::TooLarge`]; [`PublishError::SlotHeld`] while a subscriber's lease holds the slot. Both are counted, and
-    /// nothing is published.
+    /// [`PublishError::TooLarge`]; [`PublishError::SlotHeld`] while subscribers' leases hold all slots. Both are counted, and
+    /// nothing is published. A slot that is held among others is passed over, and its number with it.
     #[inline]
     pub fn publish(&mut self, message: &[u8]) -> Result<u64, PublishError> {
         self.publish_slices(&[message])
@@ -107,12 +107,23 @@ impl Publisher {
             .fold(0_usize, |len, part| len.saturating_add(part.len()));
         self.check_len(len)?;
         let now_ns = clock::now_ns();
-        loop {
-            match self.writer.publish(&self.attached.memory, parts, now_ns) {
-                Ok(published) => return Ok(self.after_publish(published)),
-                Err(pinned) => self.make_way(pinned, now_ns)?,
-            }
+        match self.writer.publish(&self.attached.memory, parts, now_ns) {
+            Ok(published) => Ok(self.after_publish(published)),
+            Err(pinned) => self.publish_elsewhere(pinned, parts, now_ns),
         }
+    }
+
+    #[cold]
+    fn publish_elsewhere(
+        &mut self,
+        pinned: Pinned,
+        parts: &[&[u8]],
+        now_ns: u64,
+    ) -> Result<u64, PublishError> {
+        let published = self.beyond_held_slots(pinned, |writer, memory| {
+            writer.publish(memory, parts, now_ns)
+        })?;
+        Ok(self.after_publish(published))
     }
 
     /// Lends the next slot, for a message of `len` bytes that is written there piece by piece, without a copy of it
@@ -124,8 +135,8 @@ impl Publisher {
     /// As [`Publisher::publish`].
     pub fn loan(&mut self, len: usize) -> Result<Loan<'_>, PublishError> {
         self.check_len(len)?;
-        while let Err(pinned) = self.writer.begin(&self.attached.memory) {
-            self.make_way(pinned, clock::now_ns())?;
+        if let Err(pinned) = self.writer.begin(&self.attached.memory) {
+            self.beyond_held_slots(pinned, Writer::begin)?;
         }
         Ok(Loan::new(self, len))
     }
@@ -178,11 +189,28 @@ impl Publisher {
         sequence
     }
 
-    /// Takes the slot back from holders that are dead, for another try; else drops the message. Who lives is looked at now
-    /// and then only.
+    /// Tries again behind slots that are held. Each slot is tried once: whoever takes and gives back holds all the time keeps
+    /// the publisher here no longer than that.
     #[cold]
-    fn make_way(&mut self, pinned: Pinned, now_ns: u64) -> Result<(), PublishError> {
+    fn beyond_held_slots<T>(
+        &mut self,
+        mut pinned: Pinned,
+        attempt: impl Fn(&mut Writer, &Memory) -> Result<T, Pinned>,
+    ) -> Result<T, PublishError> {
+        for _ in 0..=self.geometry().slot_count() {
+            self.make_way(pinned)?;
+            match attempt(&mut self.writer, &self.attached.memory) {
+                Ok(done) => return Ok(done),
+                Err(still) => pinned = still,
+            }
+        }
+        Err(self.drop_pinned())
+    }
+
+    /// Takes the slot back from holders that are dead, or passes it over; who lives is looked at now and then only.
+    fn make_way(&mut self, pinned: Pinned) -> Result<(), PublishError> {
         let memory = &self.attached.memory;
+        let now_ns = clock::now_ns();
         if now_ns >= self.next_holder_look_ns {
             self.next_holder_look_ns = now_ns.saturating_add(HOLDER_LOOKS_NS);
             // A lock that cannot be asked for is held, as far as is known.
@@ -190,8 +218,16 @@ impl Publisher {
                 return Ok(());
             }
         }
-        self.writer.drop_pinned(memory);
-        Err(PublishError::SlotHeld)
+        if self.writer.pass_over(memory) {
+            Ok(())
+        } else {
+            Err(self.drop_pinned())
+        }
+    }
+
+    fn drop_pinned(&self) -> PublishError {
+        self.writer.drop_pinned(&self.attached.memory);
+        PublishError::SlotHeld
     }
 
     /// A reader that was killed in its sleep leaves its waiting bit behind, and every message would cost a system call.

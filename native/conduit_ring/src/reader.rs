@@ -5,7 +5,8 @@
 
 use crate::geometry::Geometry;
 use crate::layout::{
-    At64, SLOT_LEN, SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO, WRITE_IDX, WRITE_INTENT,
+    At64, NO_MESSAGE, SLOT_LEN, SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO, WRITE_IDX,
+    WRITE_INTENT,
 };
 use crate::memory::{Memory, Slot};
 use crate::pins;
@@ -135,12 +136,12 @@ impl Reader {
     /// A reader that begins as `start` says.
     pub(crate) fn begin(source: &impl Source, dialect: Dialect, start: Start) -> Reader {
         let published = published(source);
-        let back = match start {
-            Start::New => 0,
-            Start::Latest => 1,
-            Start::History(k) => u64::from(k).min(safe(source, dialect)),
+        let oldest = published - safe(source, dialect).min(published);
+        let cursor = match start {
+            Start::New => published,
+            Start::Latest => newest(source, oldest, published),
+            Start::History(k) => published.saturating_sub(k.into()).max(oldest),
         };
-        let cursor = published - back.min(published);
         Reader {
             cursor,
             dialect,
@@ -227,18 +228,15 @@ impl Reader {
             self.resyncs += 1;
             return false;
         }
-        let behind = published - self.cursor;
         let safe = safe(source, self.dialect);
-        let keep = match policy {
-            Policy::All => safe,
-            Policy::Latest => safe.min(1),
-        };
-        if behind > keep {
-            self.lose(behind - keep);
+        self.lose((published - self.cursor).saturating_sub(safe));
+        if policy == Policy::Latest {
+            self.lose(newest(source, self.cursor, published) - self.cursor);
         }
-        keep > 0
+        safe > 0
     }
 
+    #[inline]
     fn lose(&mut self, count: u64) {
         self.cursor = self.cursor.wrapping_add(count);
         self.lost = self.lost.saturating_add(count);
@@ -250,11 +248,8 @@ impl Reader {
     pub(crate) fn take(&mut self, source: &impl Source, sink: &mut impl Sink) -> Option<Meta> {
         let slot = source.slot(self.cursor);
         let len = slot.load(SLOT_LEN) as usize;
-        if len > source.geometry().capacity() {
-            return None;
-        }
         let timestamp_ns = long(&slot, SLOT_TIME_LO, SLOT_TIME_HI);
-        if self.is_overwritten(source) {
+        if !self.is_message(source, len, timestamp_ns) || self.is_overwritten(source) {
             return None;
         }
         // SAFETY: the sink gives room for `len` bytes.
@@ -269,16 +264,22 @@ impl Reader {
     /// pins leaves the slot alone until the pin is taken away.
     pub(crate) fn take_pinned(&mut self, memory: &Memory, pin: At64) -> Option<Meta> {
         pins::pin(memory, pin, self.cursor);
+        // From here on the payload does not change, if this message is still there. The header may: see `pins.rs`.
         let slot = memory.slot(self.cursor);
-        // From here on nothing of the slot changes, if this message is still there.
-        let whole = self.is_whole(memory, &slot);
         let len = slot.load(SLOT_LEN) as usize;
-        if !whole || len > memory.geometry().capacity() {
+        let timestamp_ns = long(&slot, SLOT_TIME_LO, SLOT_TIME_HI);
+        if !self.is_whole(memory, &slot) || !self.is_message(memory, len, timestamp_ns) {
             pins::unpin(memory, pin);
             return None;
         }
-        let timestamp_ns = long(&slot, SLOT_TIME_LO, SLOT_TIME_HI);
         Some(self.deliver(timestamp_ns, len))
+    }
+
+    /// Whether a slot's header can be that of a message: the length fits, and the number was not passed over.
+    #[inline]
+    fn is_message(&self, source: &impl Source, len: usize, timestamp_ns: u64) -> bool {
+        let passed_over = self.dialect == Dialect::Native && is_passed_over(len, timestamp_ns);
+        len <= source.geometry().capacity() && !passed_over
     }
 
     #[inline]
@@ -336,6 +337,31 @@ fn safe(source: &impl Source, dialect: Dialect) -> u64 {
         Dialect::Native => slots,
         Dialect::Legacy => slots - 1,
     }
+}
+
+/// The newest number from `oldest` on that a message seems to have; `oldest` if none does. A writer that passes a held slot
+/// over has published nothing newer yet.
+#[inline]
+fn newest(source: &impl Source, oldest: u64, published: u64) -> u64 {
+    let mut newest = published.saturating_sub(1).max(oldest);
+    while newest > oldest && seems_passed_over(source, newest) {
+        newest -= 1;
+    }
+    newest
+}
+
+fn seems_passed_over(source: &impl Source, sequence: u64) -> bool {
+    let slot = source.slot(sequence);
+    is_passed_over(
+        slot.load(SLOT_LEN) as usize,
+        long(&slot, SLOT_TIME_LO, SLOT_TIME_HI),
+    )
+}
+
+/// Whether a slot has a number and no message.
+#[inline]
+fn is_passed_over(len: usize, timestamp_ns: u64) -> bool {
+    len == 0 && timestamp_ns == NO_MESSAGE
 }
 
 #[inline]

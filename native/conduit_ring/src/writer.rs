@@ -10,8 +10,8 @@
 //! - `write_intent`, then a SeqCst fence if a bit of `pin_mask` stands, then the pins: see `pins.rs`.
 
 use crate::layout::{
-    DROPPED_PINNED, FUTEX_WORD, LAST_PUBLISH, NATIVE_MASK, POISON, REJECTED_OVERSIZE, SLOT_LEN,
-    SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO, SUBSCRIBER_MASK, WAITING_MASK,
+    DROPPED_PINNED, FUTEX_WORD, LAST_PUBLISH, NATIVE_MASK, NO_MESSAGE, POISON, REJECTED_OVERSIZE,
+    SLOT_LEN, SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO, SUBSCRIBER_MASK, WAITING_MASK,
     WAKE_COUNT, WRITE_IDX, WRITE_INTENT,
 };
 use crate::memory::Memory;
@@ -24,6 +24,9 @@ pub(crate) struct Writer {
     /// Whether something of message `next` may stand in its slot already: a message that failed half-way, or a predecessor's.
     /// Then `write_intent` must go on saying so.
     begun: bool,
+    /// Whether this writer has found that nobody holds the slot, and has announced since what it does to it: no pin that was
+    /// set later holds.
+    taken: bool,
 }
 
 /// A slot was left alone since a reader holds the message in it; the bits of those who do.
@@ -50,6 +53,7 @@ impl Writer {
         Writer {
             next,
             begun: memory.u64(WRITE_INTENT).load(Ordering::Relaxed) != next,
+            taken: false,
         }
     }
 
@@ -78,17 +82,22 @@ impl Writer {
         memory
             .u64(WRITE_INTENT)
             .store(self.next.wrapping_add(1), Ordering::Relaxed);
-        if pins::in_use(memory) {
+        if !self.taken && pins::in_use(memory) {
             self.leave_held_slot(memory)?;
         }
-        self.begun = true;
-        memory.slot(self.next).store(SLOT_SEQ_HI, POISON);
-        // Release: meets the acquire fence in Reader::is_whole.
-        fence(Ordering::Release);
+        (self.begun, self.taken) = (true, true);
+        self.poison(memory);
         Ok(())
     }
 
-    /// Takes the announcement back if a reader holds the slot, so that all others may go on reading it.
+    #[inline]
+    fn poison(&self, memory: &Memory) {
+        memory.slot(self.next).store(SLOT_SEQ_HI, POISON);
+        // Release: meets the acquire fence in Reader::is_whole.
+        fence(Ordering::Release);
+    }
+
+    /// Takes the announcement back if a reader holds the slot: the number may still not be used up.
     #[cold]
     fn leave_held_slot(&self, memory: &Memory) -> Result<(), Pinned> {
         let holders = pins::holders(memory, self.next);
@@ -126,16 +135,40 @@ impl Writer {
 
     #[inline]
     pub(crate) fn advance(&mut self, memory: &Memory, time_ns: u64) -> u64 {
+        memory.u64(LAST_PUBLISH).store(time_ns, Ordering::Relaxed);
+        self.use_number(memory)
+    }
+
+    #[inline]
+    fn use_number(&mut self, memory: &Memory) -> u64 {
         let sequence = self.next;
         self.next = sequence.wrapping_add(1);
-        self.begun = false;
-        memory.u64(LAST_PUBLISH).store(time_ns, Ordering::Relaxed);
+        (self.begun, self.taken) = (false, false);
         // Release: meets the Acquire in reader::published.
         memory.u64(WRITE_IDX).store(self.next, Ordering::Release);
         sequence
     }
 
-    /// Counts a message that was dropped since a reader holds its slot.
+    /// Uses up the number of the next message, whose slot a reader holds: the slot gets its number, no length and no time, and
+    /// keeps its payload. `false`, and nothing was done, when there is no other slot to go on with.
+    ///
+    /// A legacy reader must find the number there: from one that is not the expected it would go back by a whole ring.
+    #[cold]
+    pub(crate) fn pass_over(&mut self, memory: &Memory) -> bool {
+        if !pins::is_another_free(memory, self.next) {
+            return false;
+        }
+        memory
+            .u64(WRITE_INTENT)
+            .store(self.next.wrapping_add(1), Ordering::Relaxed);
+        self.poison(memory);
+        self.commit(memory, 0, NO_MESSAGE);
+        self.use_number(memory);
+        bump(memory.u64(DROPPED_PINNED), 1);
+        true
+    }
+
+    /// Counts a message that was dropped since readers hold all slots.
     #[cold]
     pub(crate) fn drop_pinned(&self, memory: &Memory) {
         bump(memory.u64(DROPPED_PINNED), 1);

@@ -27,6 +27,18 @@ fn child() {
             tell_ready();
             thread::sleep(std::time::Duration::MAX);
         }
+        Some((role, topic)) if role == "holder of the next" => {
+            let mut subscriber = subscriber(&topic, Start::New);
+            tell_ready();
+            // The first may be a copy.
+            let _lease = loop {
+                let (_, lease) = lease(&mut subscriber);
+                if lease.holds_slot() {
+                    break lease;
+                }
+            };
+            thread::sleep(std::time::Duration::MAX);
+        }
         Some((_, topic)) => publish_for_ever(&topic),
     }
 }
@@ -54,14 +66,18 @@ fn publish_for_ever(topic: &Topic) {
     let mut publisher = publisher(topic);
     tell_ready();
     loop {
-        let n = publisher.next_sequence();
+        // Behind the slots that are held.
+        let Ok(n) = publisher.loan(0).map(|loan| loan.sequence()) else {
+            continue;
+        };
         let len = (n.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 51) as usize;
         let message = proving_message(n, len.min(8172));
         if n.is_multiple_of(2) {
-            let _ = publisher.publish(&message);
-        } else if let Ok(mut loan) = publisher.loan(message.len()) {
+            assert_eq!(publisher.publish(&message), Ok(n));
+        } else {
+            let mut loan = publisher.loan(message.len()).unwrap();
             loan.write_all(&message).unwrap();
-            loan.commit();
+            assert_eq!(loan.commit(), n);
         }
     }
 }
@@ -88,8 +104,15 @@ fn leasing(topic: &Topic, publisher: &mut Publisher) -> Subscriber {
     subscriber
 }
 
+/// Publishes on a ring of four slots of which one is held, and tells the numbers of the messages.
+fn publish_around(times: u64, publisher: &mut Publisher) -> Vec<u64> {
+    (0..times)
+        .map(|_| publisher.publish(b"goes on").unwrap())
+        .collect()
+}
+
 #[test]
-fn a_held_message_stays_and_new_ones_for_its_slot_are_dropped_and_counted() {
+fn a_held_slot_is_passed_over_with_its_number_and_its_message_stays() {
     let topic = Scratch::new();
     let mut publisher = publisher(&topic);
     let mut subscriber = leasing(&topic, &mut publisher);
@@ -97,35 +120,130 @@ fn a_held_message_stays_and_new_ones_for_its_slot_are_dropped_and_counted() {
     let (meta, lease) = lease(&mut subscriber);
     assert!(lease.holds_slot());
     assert_eq!((meta.sequence, meta.len, lease.len()), (1, 4, 4));
-    assert_eq!(publisher.info().readers[0].leases, 1);
-    for n in 2..5 {
-        assert_eq!(publisher.publish(b"another"), Ok(n));
-    }
-    for _ in 0..20 {
-        assert_eq!(publisher.publish(b"dropped"), Err(PublishError::SlotHeld));
-        assert!(matches!(publisher.loan(7), Err(PublishError::SlotHeld)));
-        assert_eq!(lease.to_vec(), b"held");
-    }
-    assert_eq!(publisher.info().dropped_pinned, 40);
+    let reader = publisher.info().readers.remove(0);
+    assert_eq!((reader.leases, reader.held), (1, vec![1]));
+    assert_eq!(
+        publish_around(9, &mut publisher),
+        [2, 3, 4, 6, 7, 8, 10, 11, 12]
+    );
+    assert_eq!(publisher.loan(7).unwrap().commit(), 14);
+    assert_eq!(lease.to_vec(), b"held");
+    assert_eq!(publisher.info().dropped_pinned, 3);
     drop(lease);
-    assert_eq!(publisher.publish(b"at last"), Ok(5));
+    assert_eq!(publish_around(4, &mut publisher), [15, 16, 17, 18]);
     let info = publisher.info();
-    assert_eq!((info.dropped_pinned, info.readers[0].leases), (40, 0));
+    assert_eq!((info.dropped_pinned, info.readers[0].leases), (3, 0));
 }
 
 #[test]
-fn others_go_on_reading_what_one_holds() {
+fn a_reader_that_holds_stops_nobody_else_and_others_count_what_it_costs() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut other = subscriber(&topic, Start::New);
+    let holder = Helper::start("holder of the next", &topic);
+    while publisher.info().readers.iter().all(|r| r.leases == 0) {
+        publisher.publish(b"to be held").unwrap();
+    }
+    let pid = holder.pid();
+    // SAFETY: the helper is a child of this process that has not been waited for.
+    assert_eq!(unsafe { libc::kill(pid as i32, libc::SIGSTOP) }, 0);
+    let mut buffer = Vec::new();
+    while other.try_read(&mut buffer).unwrap() != conduit_ring::Read::Nothing {}
+    let before = other.stats();
+    for _ in 0..300 {
+        let n = publisher.publish(b"goes on").unwrap();
+        assert_eq!(next_message(&mut other, &mut buffer).0, n);
+        assert_eq!(buffer, b"goes on");
+    }
+    let lost = other.stats().lost - before.lost;
+    assert_eq!(other.stats().delivered - before.delivered, 300);
+    assert_eq!(publisher.info().dropped_pinned, lost);
+    assert!((99..=101).contains(&lost), "every fourth number: {lost}");
+    let info = Info::read(&topic).unwrap();
+    let told: Vec<_> = info.readers.iter().filter(|r| r.leases > 0).collect();
+    assert_eq!(told.iter().map(|r| r.pid).collect::<Vec<_>>(), [pid]);
+    assert!(info.published - told[0].held[0] >= 400, "{told:?}");
+}
+
+#[test]
+fn a_message_is_dropped_and_counted_once_all_slots_are_held() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut readers = [0, 1].map(|_| subscriber(&topic, Start::New));
+    publisher.publish(b"first").unwrap();
+    readers.iter_mut().for_each(|reader| drop(lease(reader)));
+    let mut leases = Vec::new();
+    for n in 0..4 {
+        publisher.publish(b"held").unwrap();
+        let (left, right) = (lease(&mut readers[0]).1, lease(&mut readers[1]).1);
+        leases.push(if n % 2 == 0 { left } else { right });
+    }
+    let before = publisher.info();
+    assert_eq!((before.published, before.dropped_pinned), (5, 0));
+    for _ in 0..20 {
+        assert_eq!(publisher.publish(b"dropped"), Err(PublishError::SlotHeld));
+        assert!(matches!(publisher.loan(7), Err(PublishError::SlotHeld)));
+    }
+    assert!(leases.iter().all(|lease| lease.to_vec() == b"held"));
+    let after = publisher.info();
+    assert_eq!((after.published, after.dropped_pinned), (5, 40));
+    leases.remove(2);
+    // The slots of messages 1, 2 and 4 are held; that of 3 is free.
+    assert_eq!(publish_around(2, &mut publisher), [7, 11]);
+}
+
+#[test]
+fn others_go_on_reading_what_one_holds_until_its_number_is_passed_over() {
     let topic = Scratch::new();
     let mut publisher = publisher(&topic);
     let mut holder = leasing(&topic, &mut publisher);
     publisher.publish(b"held").unwrap();
     let (_, lease) = lease(&mut holder);
     publish_times(3, &mut publisher, b"another");
-    assert_eq!(publisher.publish(b"dropped"), Err(PublishError::SlotHeld));
-    let mut other = subscriber(&topic, Start::History(4));
+    let history = |topic: &Topic| {
+        let mut other = subscriber(topic, Start::History(4));
+        let mut buffer = Vec::new();
+        (next_message(&mut other, &mut buffer), buffer)
+    };
+    assert_eq!(history(&topic), ((1, 0), lease.to_vec()));
+    publish_times(1, &mut publisher, b"behind it");
+    // Number 5 is the one that was passed over.
+    assert_eq!(history(&topic), ((3, 0), b"another".to_vec()));
+    let mut late = subscriber(&topic, Start::History(2));
+    assert_eq!(next_message(&mut late, &mut Vec::new()), (6, 1));
+}
+
+#[test]
+fn the_newest_message_is_found_behind_a_number_that_was_passed_over() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut holder = leasing(&topic, &mut publisher);
+    publisher.publish(b"held").unwrap();
+    let (_, _lease) = lease(&mut holder);
+    let options = SubscriberOptions {
+        policy: conduit_ring::Policy::Latest,
+        ..Default::default()
+    };
+    let mut newest = Subscriber::open(&topic, &options).unwrap();
+    publish_times(3, &mut publisher, b"newest");
+    // Number 5 is used up, and its successor is not there yet.
+    let _lent = publisher.loan(4).unwrap();
     let mut buffer = Vec::new();
-    assert_eq!(next_message(&mut other, &mut buffer), (1, 0));
-    assert_eq!(buffer, lease.to_vec());
+    assert_eq!(next_message(&mut newest, &mut buffer), (4, 2));
+    assert_eq!(buffer, b"newest");
+    let mut late = subscriber(&topic, Start::Latest);
+    assert_eq!(next_message(&mut late, &mut buffer), (4, 0));
+}
+
+#[test]
+fn an_empty_message_is_not_taken_for_a_number_that_was_passed_over() {
+    let topic = Scratch::new();
+    let mut publisher = publisher(&topic);
+    let mut reader = subscriber(&topic, Start::New);
+    for n in 0..9 {
+        assert_eq!(publisher.publish(b""), Ok(n));
+        assert_eq!(next_message(&mut reader, &mut Vec::new()), (n, 0));
+    }
 }
 
 #[test]
@@ -168,16 +286,13 @@ fn a_holder_that_is_killed_stalls_nobody() {
     let mut publisher = publisher(&topic);
     publisher.publish(b"held").unwrap();
     let helper = Helper::start("holder", &topic);
-    publish_times(3, &mut publisher, b"another");
-    assert_eq!(publisher.publish(b"dropped"), Err(PublishError::SlotHeld));
+    assert_eq!(publish_around(4, &mut publisher), [1, 2, 3, 5]);
     helper.kill();
     let deadline = Instant::now() + LONG;
-    while let Err(error) = publisher.publish(b"goes on") {
-        assert_eq!(error, PublishError::SlotHeld);
-        assert!(Instant::now() < deadline, "stalled");
+    while !publisher.info().readers.is_empty() {
+        publisher.publish(b"goes on").unwrap();
+        assert!(Instant::now() < deadline, "never taken back");
     }
-    let info = publisher.info();
-    assert_eq!((info.published, info.readers), (5, vec![]));
     assert_eq!(Raw::open(&topic).unwrap().u32(144).load(Relaxed), 0);
 }
 
@@ -214,10 +329,13 @@ fn a_successor_respects_what_is_held() {
     publish_times(3, &mut first, b"another");
     first.abandon();
     let mut second = publisher(&topic);
-    assert_eq!(second.publish(b"dropped"), Err(PublishError::SlotHeld));
+    assert_eq!(publish_around(4, &mut second), [6, 7, 8, 10]);
+    second.abandon();
+    let mut third = publisher(&topic);
+    assert_eq!(publish_around(3, &mut third), [11, 12, 14]);
     assert_eq!(lease.to_vec(), b"held");
     drop(lease);
-    assert_eq!(second.publish(b"another"), Ok(5));
+    assert_eq!(publish_around(4, &mut third), [15, 16, 17, 18]);
 }
 
 #[test]
@@ -228,14 +346,13 @@ fn a_lease_outlives_its_subscriber_and_then_gives_up_its_place() {
     publisher.publish(b"held").unwrap();
     let (_, lease) = lease(&mut subscriber);
     drop(subscriber);
-    publish_times(3, &mut publisher, b"another");
-    assert_eq!(publisher.publish(b"dropped"), Err(PublishError::SlotHeld));
+    assert_eq!(publish_around(4, &mut publisher), [2, 3, 4, 6]);
     assert_eq!(
         thread::spawn(move || lease.to_vec()).join().unwrap(),
         b"held"
     );
     assert_eq!(publisher.info().readers, []);
-    assert_eq!(publisher.publish(b"another"), Ok(5));
+    assert_eq!(publish_around(4, &mut publisher), [7, 8, 9, 10]);
 }
 
 #[test]
@@ -323,7 +440,8 @@ fn held_messages_never_change_while_a_publisher_goes_round_and_round() {
                     let (meta, lease) = lease(&mut subscriber);
                     assert_eq!(proven_number(&lease.to_vec()), Ok(meta.sequence));
                     held.push_back(lease);
-                    if held.len() == 3 {
+                    // Never all four slots between the two of them while both wait.
+                    if held.len() == 2 {
                         held.iter().for_each(|lease| {
                             assert_eq!(proven_number(&lease.to_vec()), Ok(lease.meta().sequence));
                         });

@@ -53,7 +53,8 @@ impl LegacyPublisher {
     }
 }
 
-/// A subscriber as conduit's: it claims a bit, keeps its cursor in the segment and sleeps without a time limit.
+/// A subscriber as conduit's: it claims a bit, keeps its cursor in the segment and sleeps without a time limit. From a number
+/// that is not the expected one it goes back by a whole ring.
 struct LegacySubscriber {
     raw: Raw,
     index: usize,
@@ -98,6 +99,7 @@ impl LegacySubscriber {
         let slot = HEADER + (n & (self.slot_count - 1)) as usize * self.slot_size;
         let field = |at: usize| u64::from_le_bytes(self.raw.read(slot + at, 8).try_into().unwrap());
         if field(4) != n {
+            cursor.store(published.saturating_sub(self.slot_count), Release);
             return None;
         }
         let payload = self.raw.read(slot + 20, field(0) as u32 as usize);
@@ -150,6 +152,46 @@ fn a_legacy_subscriber_reads_what_a_publisher_writes() {
         );
     }
     assert_eq!(legacy.try_read(), None);
+}
+
+#[test]
+fn a_legacy_subscriber_gets_one_empty_message_for_a_slot_that_a_reader_holds() {
+    let topic = Scratch::new();
+    let options = PublisherOptions {
+        geometry: conduit_ring::Geometry::slots(4, 64).unwrap(),
+        ..Default::default()
+    };
+    let mut publisher = Publisher::open(&topic, &options).unwrap();
+    let legacy = LegacySubscriber::open(&topic);
+    let mut holder = subscriber(&topic, Start::New);
+    let mut hold = || match holder.try_lease().unwrap() {
+        Received::Message(_, lease) => lease,
+        other => panic!("{other:?}"),
+    };
+    publisher.publish(b"first").unwrap();
+    drop(hold());
+    publisher.publish(b"held").unwrap();
+    let lease = hold();
+    assert!(lease.holds_slot());
+    assert_eq!(legacy.try_read(), Some((0, b"first".to_vec())));
+    assert_eq!(legacy.try_read(), Some((1, b"held".to_vec())));
+    for n in 2..30 {
+        let empty = n % 4 == 1;
+        if empty {
+            assert_eq!(publisher.publish(b"on"), Ok(n + 1), "passes {n} over");
+            assert_eq!(legacy.try_read(), Some((n, b"".to_vec())));
+        } else if n % 4 != 2 || n == 2 {
+            assert_eq!(publisher.publish(b"on"), Ok(n));
+        }
+        if !empty {
+            assert_eq!(legacy.try_read(), Some((n, b"on".to_vec())));
+        }
+    }
+    assert_eq!(legacy.try_read(), Some((30, b"on".to_vec())));
+    assert_eq!(
+        (legacy.try_read(), lease.to_vec()),
+        (None, b"held".to_vec())
+    );
 }
 
 #[test]

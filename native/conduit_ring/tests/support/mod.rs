@@ -147,6 +147,10 @@ impl Helper {
         helper
     }
 
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
     /// SIGKILL. The helper must have been running.
     pub fn kill(mut self) {
         assert_eq!(
