@@ -6,10 +6,11 @@ use std::sync::Arc;
 use crate::claim::LineLocks;
 use crate::error::{Error, Fault};
 use crate::header::{FIXED_LEN, Header};
-use crate::layout::{PUBLISHER_LOCK, ReaderLine};
+use crate::layout::ReaderLine;
 use crate::memory::Memory;
 use crate::segment::{Access, Segment};
 use crate::topic::Topic;
+use crate::trust;
 
 /// A segment, checked and mapped.
 pub(crate) struct Attached {
@@ -49,8 +50,20 @@ pub(crate) fn read_header(
         .and_then(|head| Header::decode(&head, len)))
 }
 
-/// Maps a checked segment.
+/// Maps a checked segment, unless it belongs to a stranger, who could shorten it at any moment.
 pub(crate) fn map(
+    topic: &Topic,
+    segment: Segment,
+    header: Header,
+    access: Access,
+    populate: bool,
+) -> Result<Attached, Error> {
+    trust::require(topic, &segment)?;
+    map_trusting(topic, segment, header, access, populate)
+}
+
+/// Maps a checked segment, whoever it belongs to.
+pub(crate) fn map_trusting(
     topic: &Topic,
     segment: Segment,
     header: Header,
@@ -70,13 +83,46 @@ pub(crate) fn map(
     })
 }
 
+/// Opens a topic's file to read it, and to write into it, too, if it is to be and does not belong to a stranger; `None` when
+/// there is none.
+pub(crate) fn open_to_read(
+    topic: &Topic,
+    access: Access,
+    trust_all: bool,
+) -> Result<Option<Found>, Error> {
+    let open = |access| -> Result<Option<Found>, Error> {
+        let Some(segment) = open_file(topic, access)? else {
+            return Ok(None);
+        };
+        let foreign = !trust_all && trust::is_foreign(topic, &segment)?;
+        Ok(Some(Found { segment, foreign }))
+    };
+    match open(Access::Read)? {
+        // Another file may have the name by now: that is why its owner is asked for again.
+        Some(found) if access == Access::Write && !found.foreign => open(access),
+        found => Ok(found),
+    }
+}
+
+/// A file that was opened.
+pub(crate) struct Found {
+    pub(crate) segment: Segment,
+    /// Whether it belongs to a user who is not trusted.
+    pub(crate) foreign: bool,
+}
+
 /// Opens and checks a topic; `None` when there is no file.
-pub(crate) fn open(topic: &Topic, access: Access) -> Result<Option<(Segment, Header)>, Error> {
+fn open(topic: &Topic, access: Access) -> Result<Option<(Segment, Header)>, Error> {
     let Some(segment) = open_file(topic, access)? else {
         return Ok(None);
     };
-    let header = read_header(topic, &segment)?.map_err(|fault| bad(topic, fault))?;
+    let header = sound_header(topic, &segment)?;
     Ok(Some((segment, header)))
+}
+
+/// As [`read_header`], of a file that must be sound.
+pub(crate) fn sound_header(topic: &Topic, segment: &Segment) -> Result<Header, Error> {
+    read_header(topic, segment)?.map_err(|fault| bad(topic, fault))
 }
 
 /// Opens, checks and maps a topic; `None` when there is no file.
@@ -91,13 +137,6 @@ pub(crate) fn bad(topic: &Topic, fault: Fault) -> Error {
     Error::BadSegment {
         path: topic.path().to_owned(),
         fault,
-    }
-}
-
-impl Attached {
-    /// Whether a publisher (other than one on this very descriptor) holds its lock.
-    pub(crate) fn has_live_publisher(&self) -> io::Result<bool> {
-        self.segment.is_locked(PUBLISHER_LOCK)
     }
 }
 

@@ -4,7 +4,7 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::attach::{self, Attached};
+use crate::attach::{self, Attached, Found};
 use crate::error::{Error, Fault};
 use crate::guarded::{Guard, Guarded};
 use crate::header::{FIXED_LEN, Header, Origin};
@@ -103,21 +103,28 @@ impl Way {
         topic: &Topic,
         part: Part,
         guard: Guard,
-        segment: Segment,
+        Found { segment, foreign }: Found,
         header: Header,
     ) -> Result<Way, Error> {
-        let guarded = guard
-            .applies(&segment)
-            .map_err(Error::os("stat", topic.path()))?;
-        if guarded {
-            let guarded = Guarded::open(topic, segment, header, part.access())?;
-            return Ok(Way::Guarded(Arc::new(guarded)));
-        }
-        let attached = Arc::new(attach::map(topic, segment, header, part.access(), false)?);
-        Ok(Way::Mapped {
-            attached,
+        let access = part.access();
+        let way = match guard {
+            _ if foreign || (guard == Guard::Always && !is_native(&header)) => {
+                Way::Guarded(Arc::new(Guarded::unmapped(segment, header)))
+            }
+            Guard::Always => Way::Guarded(Arc::new(Guarded::open(topic, segment, header, access)?)),
+            Guard::Auto => Way::mapped(attach::map(topic, segment, header, access, false)?),
+            Guard::Never => {
+                Way::mapped(attach::map_trusting(topic, segment, header, access, false)?)
+            }
+        };
+        Ok(way)
+    }
+
+    fn mapped(attached: Attached) -> Way {
+        Way::Mapped {
+            attached: Arc::new(attached),
             line: None,
-        })
+        }
     }
 
     fn segment(&self) -> &Segment {
@@ -152,16 +159,16 @@ impl Attachment {
         guard: Guard,
         beginning: Beginning,
     ) -> Result<Option<Attachment>, Error> {
-        let (segment, header) = match attach::open(topic, part.access()) {
-            Ok(Some(found)) => found,
-            Ok(None)
-            | Err(Error::BadSegment {
-                fault: Fault::NotReady,
-                ..
-            }) => return Ok(None),
-            Err(error) => return Err(error),
+        let trust_all = guard == Guard::Never;
+        let Some(found) = attach::open_to_read(topic, part.access(), trust_all)? else {
+            return Ok(None);
         };
-        let mut way = Way::open(topic, part, guard, segment, header)?;
+        let header = match attach::read_header(topic, &found.segment)? {
+            Ok(header) => header,
+            Err(Fault::NotReady) => return Ok(None),
+            Err(fault) => return Err(attach::bad(topic, fault)),
+        };
+        let mut way = Way::open(topic, part, guard, found, header)?;
         if is_native(&header) && way.load32(STATE) != STATE_LIVE {
             return Ok(None);
         }
@@ -179,11 +186,17 @@ impl Attachment {
     }
 
     /// What wakes those who sleep on the segment.
-    pub(crate) fn alarm(&self) -> Arc<dyn Alarm> {
+    pub(crate) fn alarm(&self) -> Option<Arc<dyn Alarm>> {
         match &self.way {
-            Way::Mapped { attached, .. } => attached.memory.clone(),
-            Way::Guarded(guarded) => guarded.clone(),
+            Way::Mapped { attached, .. } => Some(attached.memory.clone()),
+            Way::Guarded(guarded) if guarded.is_mapped() => Some(guarded.clone()),
+            Way::Guarded(_) => None,
         }
+    }
+
+    /// Whether there is no word to sleep on.
+    pub(crate) fn is_unmapped(&self) -> bool {
+        matches!(&self.way, Way::Guarded(guarded) if !guarded.is_mapped())
     }
 
     pub(crate) fn header(&self) -> &Header {

@@ -13,7 +13,7 @@ use std::io;
 
 use crate::layout::{NATIVE_MASK, PIN_MASK, ReaderLine, SUBSCRIBER_MASK, WAITING_MASK};
 use crate::memory::Memory;
-use crate::reader;
+use crate::reader::{self, Source};
 use crate::sync::Ordering::{AcqRel, Acquire, Relaxed, Release};
 
 /// `read_idx` of a line that has not been claimed yet, or that a native reader is giving up.
@@ -154,8 +154,8 @@ fn clear(memory: &Memory, line: ReaderLine) {
     memory.u64(line.claim_id()).store(0, Relaxed);
 }
 
-fn is_set(memory: &Memory, line: ReaderLine) -> bool {
-    memory.u32(SUBSCRIBER_MASK).load(Acquire) & line.bit() != 0
+fn is_set(source: &impl Source, line: ReaderLine) -> bool {
+    source.load32(SUBSCRIBER_MASK, Acquire) & line.bit() != 0
 }
 
 /// What a guarded reader that sleeps looks like: it claims nothing but the lock.
@@ -164,9 +164,9 @@ fn waits_unclaimed(memory: &Memory, line: ReaderLine) -> bool {
 }
 
 /// Whether a set bit was set by a native reader, be it in the midst of claiming or giving up.
-pub(crate) fn is_native_claim(memory: &Memory, line: ReaderLine) -> bool {
-    let native = memory.u32(NATIVE_MASK).load(Relaxed) & line.bit() != 0;
-    let giving_up = memory.u64(line.claim_id()).load(Relaxed) != 0
-        && memory.u64(line.read_idx()).load(Relaxed) == GIVEN_UP;
-    is_set(memory, line) && (native || giving_up)
+pub(crate) fn is_native_claim(source: &impl Source, line: ReaderLine) -> bool {
+    let native = source.load32(NATIVE_MASK, Relaxed) & line.bit() != 0;
+    let giving_up = source.load(line.claim_id(), Relaxed) != 0
+        && source.load(line.read_idx(), Relaxed) == GIVEN_UP;
+    is_set(source, line) && (native || giving_up)
 }

@@ -16,6 +16,7 @@ use crate::publisher::PublisherOptions;
 use crate::segment::{self, Access, Name, Segment};
 use crate::sync::Ordering::{Acquire, Relaxed, Release};
 use crate::topic::{Topic, directory};
+use crate::trust;
 use crate::writer;
 
 /// Rounds against others that make and remove the same name at the same time.
@@ -24,7 +25,8 @@ const ATTEMPTS: u32 = 64;
 /// Gets the topic's segment with its publisher lock held, whatever stands there now.
 pub(crate) fn acquire(topic: &Topic, options: &PublisherOptions) -> Result<Attached, Error> {
     for _ in 0..ATTEMPTS {
-        let attempt = match attach::open_file(topic, Access::Write)? {
+        let opened = attach::open_file(topic, Access::Write);
+        let attempt = match opened.map_err(|error| trust::explain(topic, error))? {
             None => create(topic, options)?,
             Some(found) => succeed(topic, options, found)?,
         };
@@ -76,6 +78,9 @@ fn succeed(
     options: &PublisherOptions,
     found: Segment,
 ) -> Result<Option<Attached>, Error> {
+    if !options.force {
+        trust::require(topic, &found)?;
+    }
     lock(topic, &found)?;
     if found
         .name(topic.path())
@@ -83,6 +88,9 @@ fn succeed(
         != Name::Same
     {
         return Ok(None);
+    }
+    if let Err(refusal) = trust::require(topic, &found) {
+        return replace(topic, options, &found, refusal);
     }
     match attach::read_header(topic, &found)? {
         Ok(header) if header.origin != Origin::Legacy => {

@@ -4,6 +4,10 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
+/// Linux's numbers.
+const EPERM: i32 = 1;
+const EINVAL: i32 = 22;
+
 /// Why a ring could not be opened, read or awaited.
 #[derive(Debug)]
 #[non_exhaustive]
@@ -29,6 +33,20 @@ pub enum Error {
     LegacyInUse {
         /// The segment's file.
         path: PathBuf,
+    },
+    /// The file belongs to a user who is not trusted: see [`trust`](crate::trust).
+    ForeignOwner {
+        /// The segment's file.
+        path: PathBuf,
+        /// Its owner.
+        user: u32,
+        /// The owner's name, if this machine knows one.
+        name: Option<String>,
+    },
+    /// A list of trusted users or groups has an entry that is none.
+    InvalidTrust {
+        /// What was given and what is accepted.
+        reason: String,
     },
     /// All 16 reader slots are taken.
     NoReaderSlot {
@@ -69,10 +87,12 @@ pub enum Error {
 }
 
 impl Error {
-    /// The errno behind this error, if the operating system gave one.
+    /// The errno behind this error, if the operating system gave one, or would have for what is refused here.
     pub fn errno(&self) -> Option<i32> {
         match self {
             Error::Os { source, .. } => source.raw_os_error(),
+            Error::ForeignOwner { .. } => Some(EPERM),
+            Error::InvalidTrust { .. } => Some(EINVAL),
             _ => None,
         }
     }
@@ -105,6 +125,18 @@ impl fmt::Display for Error {
                 "{}: made by a publisher without the extension, and a process may still use it",
                 path.display()
             ),
+            Error::ForeignOwner { path, user, name } => {
+                write!(f, "{} belongs to user {user}", path.display())?;
+                if let Some(name) = name {
+                    write!(f, " ({name})")?;
+                }
+                write!(
+                    f,
+                    ", who is not trusted here: remove the file, publish as that user, or list the user in \
+                     CONDUIT_RING_TRUSTED_UIDS"
+                )
+            }
+            Error::InvalidTrust { reason } => f.write_str(reason),
             Error::NoReaderSlot { path } => {
                 write!(f, "{}: all 16 reader slots are taken", path.display())
             }

@@ -1,12 +1,14 @@
 //! Reading a segment that others may shorten at any time.
 //!
 //! Whoever may write a file may also cut it off, and whoever touches a mapping behind the end gets SIGBUS. So a guarded
-//! reader touches no mapping. It reads every word and every byte by `pread`, for which the end of the file is an answer. Only
-//! the kernel touches the mapping on its behalf, to sleep on the futex word and to set its waiting bit (`FUTEX_WAKE_OP`), and
-//! the kernel has an errno for a page that is not there.
+//! reader touches no mapping. It reads every word and every byte by `pread`, for which the end of the file is an answer.
+//!
+//! A stranger's file it does not even map: it sleeps in naps, and looks in between. Of its own user's and trusted ones' files
+//! only the kernel touches the mapping on its behalf, to sleep on the futex word and to set its waiting bit
+//! (`FUTEX_WAKE_OP`), and the kernel has an errno for a page that is not there.
 //!
 //! It writes nothing but that bit. It holds the lock of a reader line, so that the bit is its own, and sets no other one: it
-//! does not show among the topic's readers.
+//! does not show among the topic's readers. Without a mapping it takes no line, too.
 
 use std::io;
 use std::sync::OnceLock;
@@ -34,36 +36,39 @@ use crate::waker::Alarm;
 /// among [`Info::readers`](crate::Info::readers).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Guard {
-    /// When the file belongs to another user than this process's.
+    /// When the file belongs to a user who is not trusted: see [`trust`](crate::trust).
     #[default]
     Auto,
     /// Always.
     Always,
-    /// Never: all who may write the file are trusted.
+    /// Never: whoever owns the file is trusted.
     Never,
-}
-
-impl Guard {
-    pub(crate) fn applies(self, segment: &Segment) -> io::Result<bool> {
-        match self {
-            Guard::Auto => segment.is_foreign(),
-            Guard::Always => Ok(true),
-            Guard::Never => Ok(false),
-        }
-    }
 }
 
 /// See the module.
 pub(crate) struct Guarded {
     pub(crate) segment: Segment,
     pub(crate) header: Header,
-    mapping: Mapping,
-    /// `None` of an observer.
+    /// `None` of a stranger's file, and of a legacy publisher's, where there is no bit to set.
+    mapping: Option<Mapping>,
+    /// `None` of an observer, and without a mapping.
     line: Option<ReaderLine>,
     broken: OnceLock<io::Error>,
 }
 
 impl Guarded {
+    /// A segment that is read by `pread` alone.
+    pub(crate) fn unmapped(segment: Segment, header: Header) -> Guarded {
+        Guarded {
+            segment,
+            header,
+            mapping: None,
+            line: None,
+            broken: OnceLock::new(),
+        }
+    }
+
+    /// A segment whose mapping the kernel may touch.
     pub(crate) fn open(
         topic: &Topic,
         segment: Segment,
@@ -73,13 +78,8 @@ impl Guarded {
         let mapping = segment
             .map(header.geometry.segment_len(), access, false)
             .map_err(Error::os("map", topic.path()))?;
-        let mut guarded = Guarded {
-            segment,
-            header,
-            mapping,
-            line: None,
-            broken: OnceLock::new(),
-        };
+        let mut guarded = Guarded::unmapped(segment, header);
+        guarded.mapping = Some(mapping);
         if access == Access::Write {
             guarded.line = guarded
                 .lock_line()
@@ -123,25 +123,32 @@ impl Guarded {
         u32::from_le_bytes(self.bytes(at.offset()))
     }
 
-    /// As `wait::sleep`.
+    pub(crate) fn is_mapped(&self) -> bool {
+        self.mapping.is_some()
+    }
+
+    /// As `wait::sleep`, on a mapping.
     pub(crate) fn sleep(&self, timeout: Duration, news: impl FnOnce() -> bool) {
+        let Some(mapping) = &self.mapping else {
+            return;
+        };
         let seen = self.load32(FUTEX_WORD);
         // Acquire: as in wait::sleep.
         fence(Ordering::Acquire);
         if let Some(line) = self.line {
-            self.note(self.mapping.set_bit(WAITING_MASK.offset(), line.index()));
+            self.note(mapping.set_bit(WAITING_MASK.offset(), line.index()));
         }
         fence(Ordering::SeqCst);
         if !news() && !self.is_broken() {
             let timeout = timeout.min(LONGEST_SLEEP);
-            self.note(self.mapping.futex_wait(FUTEX_WORD.offset(), seen, timeout));
+            self.note(mapping.futex_wait(FUTEX_WORD.offset(), seen, timeout));
         }
         self.stop_waiting();
     }
 
     fn stop_waiting(&self) {
-        if let Some(line) = self.line {
-            self.note(self.mapping.clear_bit(WAITING_MASK.offset(), line.index()));
+        if let (Some(line), Some(mapping)) = (self.line, &self.mapping) {
+            self.note(mapping.clear_bit(WAITING_MASK.offset(), line.index()));
         }
     }
 
@@ -180,6 +187,13 @@ impl Source for Guarded {
         }
     }
 
+    fn load32(&self, at: At32, _order: Ordering) -> u32 {
+        let word = Guarded::load32(self, at);
+        // Acquire, at least.
+        fence(Ordering::Acquire);
+        word
+    }
+
     fn slot(&self, sequence: u64) -> GuardedSlot<'_> {
         GuardedSlot {
             guarded: self,
@@ -210,7 +224,9 @@ impl SourceSlot for GuardedSlot<'_> {
 
 impl Alarm for Guarded {
     fn ring(&self) {
-        self.note(self.mapping.bump_and_wake(FUTEX_WORD.offset()));
+        if let Some(mapping) = &self.mapping {
+            self.note(mapping.bump_and_wake(FUTEX_WORD.offset()));
+        }
     }
 }
 

@@ -1,20 +1,20 @@
 //! A look at a topic from outside.
 
-use crate::attach::{self, Attached};
+use crate::attach;
 use crate::claim;
 use crate::content::ContentTag;
 use crate::error::Error;
 use crate::geometry::Geometry;
-use crate::header::Origin;
+use crate::guarded::Guarded;
+use crate::header::{Header, Origin};
 use crate::layout::{
-    DROPPED_PINNED, LAST_PUBLISH, REALTIME_OFFSET, REJECTED_OVERSIZE, ReaderLine, STATE,
-    STATE_CLOSED, STATE_LIVE, STATE_RETIRED, SUBSCRIBER_MASK, WAITING_MASK, WAKE_COUNT,
+    DROPPED_PINNED, LAST_PUBLISH, PUBLISHER_LOCK, REALTIME_OFFSET, REJECTED_OVERSIZE, ReaderLine,
+    STATE, STATE_CLOSED, STATE_LIVE, STATE_RETIRED, SUBSCRIBER_MASK, WAITING_MASK, WAKE_COUNT,
     WRITER_EPOCH, WRITER_PID,
 };
-use crate::memory::Memory;
 use crate::pins;
-use crate::reader;
-use crate::segment::Access;
+use crate::reader::{self, Source};
+use crate::segment::{Access, Segment};
 use crate::sync::Ordering::{Acquire, Relaxed};
 use crate::topic::Topic;
 
@@ -95,51 +95,57 @@ pub struct Info {
 }
 
 impl Info {
-    /// Looks at a topic without taking part: it is opened for reading only and takes no reader slot.
+    /// Looks at a topic without taking part: it is opened for reading only, takes no reader slot, and is not mapped, so that
+    /// nobody who shortens it does harm.
     ///
     /// # Errors
     /// [`Error::NoTopic`], [`Error::BadSegment`], [`Error::Os`].
     pub fn read(topic: &Topic) -> Result<Info, Error> {
-        let attached = attach::attach(topic, Access::Read)?.ok_or_else(|| Error::NoTopic {
+        let segment = attach::open_file(topic, Access::Read)?.ok_or_else(|| Error::NoTopic {
             path: topic.path().to_owned(),
         })?;
-        let alive = attached
-            .has_live_publisher()
+        let header = attach::sound_header(topic, &segment)?;
+        let alive = segment
+            .is_locked(PUBLISHER_LOCK)
             .map_err(Error::os("lock", topic.path()))?;
-        Ok(Info::collect(topic, &attached, alive))
+        let looked = Guarded::unmapped(segment, header);
+        let info = Info::collect(topic, &looked.segment, &header, &looked, alive);
+        looked.check(topic).map(|()| info)
     }
 
-    pub(crate) fn collect(topic: &Topic, attached: &Attached, alive: bool) -> Info {
-        let memory = &*attached.memory;
+    pub(crate) fn collect(
+        topic: &Topic,
+        segment: &Segment,
+        header: &Header,
+        source: &impl Source,
+        alive: bool,
+    ) -> Info {
         Info {
             topic: topic.clone(),
-            geometry: attached.header.geometry,
-            state: state(attached, alive),
-            published: reader::published(memory),
-            content: attached.header.content,
-            epoch: memory.u32(WRITER_EPOCH).load(Relaxed),
-            instance_id: match attached.header.origin {
+            geometry: header.geometry,
+            state: state(header, source.load32(STATE, Acquire), alive),
+            published: reader::published(source),
+            content: header.content,
+            epoch: source.load32(WRITER_EPOCH, Relaxed),
+            instance_id: match header.origin {
                 Origin::Native { instance_id } => instance_id,
                 Origin::Legacy => 0,
             },
-            writer_pid: memory.u32(WRITER_PID).load(Relaxed),
-            last_publish_ns: memory.u64(LAST_PUBLISH).load(Relaxed),
-            realtime_offset_ns: memory.u64(REALTIME_OFFSET).load(Relaxed) as i64,
-            dropped_pinned: memory.u64(DROPPED_PINNED).load(Relaxed),
-            rejected_oversize: memory.u64(REJECTED_OVERSIZE).load(Relaxed),
-            wake_count: memory.u64(WAKE_COUNT).load(Relaxed),
+            writer_pid: source.load32(WRITER_PID, Relaxed),
+            last_publish_ns: source.load(LAST_PUBLISH, Relaxed),
+            realtime_offset_ns: source.load(REALTIME_OFFSET, Relaxed) as i64,
+            dropped_pinned: source.load(DROPPED_PINNED, Relaxed),
+            rejected_oversize: source.load(REJECTED_OVERSIZE, Relaxed),
+            wake_count: source.load(WAKE_COUNT, Relaxed),
             readers: ReaderLine::all()
-                .filter_map(|line| reader_of(attached, line))
+                .filter_map(|line| reader_of(segment, source, line))
                 .collect(),
         }
     }
 }
 
-fn state(attached: &Attached, alive: bool) -> State {
-    match (
-        attached.header.origin,
-        attached.memory.u32(STATE).load(Acquire),
-    ) {
+fn state(header: &Header, state: u32, alive: bool) -> State {
+    match (header.origin, state) {
         (Origin::Legacy, _) => State::Legacy,
         (_, STATE_LIVE) if alive => State::Live,
         (_, STATE_LIVE) => State::Dead,
@@ -149,19 +155,21 @@ fn state(attached: &Attached, alive: bool) -> State {
     }
 }
 
-fn reader_of(attached: &Attached, line: ReaderLine) -> Option<Reader> {
-    let memory: &Memory = &attached.memory;
-    let has = |mask| memory.u32(mask).load(Relaxed) & line.bit() != 0;
-    let native = claim::is_native_claim(memory, line);
-    let held = pins::held(memory, line);
-    has(SUBSCRIBER_MASK).then(|| Reader {
+fn reader_of(segment: &Segment, source: &impl Source, line: ReaderLine) -> Option<Reader> {
+    let has = |mask| source.load32(mask, Relaxed) & line.bit() != 0;
+    if !has(SUBSCRIBER_MASK) {
+        return None;
+    }
+    let native = claim::is_native_claim(source, line);
+    let held = pins::held(source, line);
+    Some(Reader {
         index: line.index(),
         native,
-        alive: !native || attached.segment.is_locked(line.lock()).unwrap_or(true),
+        alive: !native || segment.is_locked(line.lock()).unwrap_or(true),
         waiting: has(WAITING_MASK),
-        pid: memory.u32(line.pid()).load(Relaxed),
-        next_sequence: memory.u64(line.read_idx()).load(Relaxed),
-        lost: memory.u64(line.lost_count()).load(Relaxed),
+        pid: source.load32(line.pid(), Relaxed),
+        next_sequence: source.load(line.read_idx(), Relaxed),
+        lost: source.load(line.lost_count(), Relaxed),
         leases: held.len() as u32,
         held,
     })

@@ -61,8 +61,8 @@
 //! - When every message must arrive: a slow subscriber loses messages and the publisher does not slow down.
 //! - Between machines.
 //! - To publish between users who do not trust each other: whoever may write the file may shorten it, and that is a SIGBUS
-//!   for all who have it mapped. Subscribers of another user's topic are safe from that ([`Guard`]), publishers and
-//!   [`Info::read`] are not.
+//!   for all who have it mapped. A file of a user who is not trusted ([`trust`]) is therefore never mapped: publishers refuse
+//!   it ([`Error::ForeignOwner`]), and subscribers read it slowly ([`Guard`]).
 //! - For several publishers of one topic: the second is refused. Use a topic for each.
 //! - Across `fork` without `exec`: what the parent opened is refused in the child ([`Error::Forked`]), which neither closes
 //!   nor unlinks nor unlocks any of it. But the child shares its parent's locks, and would keep a dead parent's topic locked.
@@ -136,6 +136,8 @@ pub mod repair;
 mod segment;
 #[cfg(not(loom))]
 mod subscriber;
+#[cfg(not(loom))]
+pub mod trust;
 #[cfg(not(loom))]
 mod waker;
 

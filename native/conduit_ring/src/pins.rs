@@ -102,13 +102,11 @@ fn holds_slot(memory: &Memory, line: ReaderLine, sequence: u64) -> bool {
 
 /// The messages that the reader of this line holds, the oldest first, for people to read.
 #[cfg(not(loom))]
-pub(crate) fn held(memory: &Memory, line: ReaderLine) -> Vec<u64> {
-    if memory.u32(PIN_MASK).load(Ordering::Relaxed) & line.bit() == 0 {
+pub(crate) fn held(source: &impl reader::Source, line: ReaderLine) -> Vec<u64> {
+    if source.load32(PIN_MASK, Ordering::Relaxed) & line.bit() == 0 {
         return Vec::new();
     }
-    let pins = line
-        .pins()
-        .map(|pin| memory.u64(pin).load(Ordering::Relaxed));
+    let pins = line.pins().map(|pin| source.load(pin, Ordering::Relaxed));
     let mut held: Vec<u64> = pins
         .into_iter()
         .filter_map(|pin| pin.checked_sub(1))

@@ -262,7 +262,12 @@ impl Publisher {
 
     /// What there is to know about the topic.
     pub fn info(&self) -> Info {
-        Info::collect(&self.topic, &self.attached, true)
+        let Attached {
+            segment,
+            memory,
+            header,
+        } = &self.attached;
+        Info::collect(&self.topic, segment, header, &**memory, true)
     }
 
     /// Ends the topic: subscribers read what is left and then learn that the publisher is gone.

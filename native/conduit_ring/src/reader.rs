@@ -5,8 +5,8 @@
 
 use crate::geometry::Geometry;
 use crate::layout::{
-    At64, NO_MESSAGE, SLOT_LEN, SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO, WRITE_IDX,
-    WRITE_INTENT,
+    At32, At64, NO_MESSAGE, SLOT_LEN, SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO,
+    WRITE_IDX, WRITE_INTENT,
 };
 use crate::memory::{Memory, Slot};
 use crate::pins;
@@ -74,6 +74,8 @@ pub(crate) trait Source {
     fn geometry(&self) -> Geometry;
     /// Relaxed or Acquire.
     fn load(&self, at: At64, order: Ordering) -> u64;
+    /// Relaxed or Acquire.
+    fn load32(&self, at: At32, order: Ordering) -> u32;
     /// The slot of a message.
     fn slot(&self, sequence: u64) -> Self::Slot<'_>;
 }
@@ -101,6 +103,11 @@ impl Source for Memory {
     #[inline]
     fn load(&self, at: At64, order: Ordering) -> u64 {
         self.u64(at).load(order)
+    }
+
+    #[inline]
+    fn load32(&self, at: At32, order: Ordering) -> u32 {
+        self.u32(at).load(order)
     }
 
     #[inline]

@@ -11,6 +11,7 @@ use crate::memory::Memory;
 use crate::segment::{Access, Name, Segment};
 use crate::sync::Ordering::Release;
 use crate::topic::Topic;
+use crate::trust;
 
 /// What became of a repair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,8 +69,8 @@ pub fn remove_abandoned(topic: &Topic) -> Result<Repair, Error> {
 /// [`Error::BadSegment`], [`Error::Os`].
 pub fn clear_legacy_readers(topic: &Topic) -> Result<Repair, Error> {
     with_abandoned(topic, |segment| {
-        let header = attach::read_header(topic, segment)?;
-        let header = header.map_err(|fault| attach::bad(topic, fault))?;
+        trust::require(topic, segment)?;
+        let header = attach::sound_header(topic, segment)?;
         let mapping = segment
             .map(header.geometry.segment_len(), Access::Write, false)
             .map_err(Error::os("map", topic.path()))?;

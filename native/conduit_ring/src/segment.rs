@@ -1,7 +1,7 @@
 //! Everything that the operating system does for a ring: files, locks, mappings, futexes, clocks. No other file calls it.
 
 use std::ffi::{CString, OsString};
-use std::fs::{File, OpenOptions, Permissions};
+use std::fs::{File, Metadata, OpenOptions, Permissions};
 use std::io;
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd, RawFd};
 use std::os::unix::ffi::OsStrExt;
@@ -10,6 +10,8 @@ use std::path::Path;
 use std::ptr;
 use std::sync::atomic::AtomicU32;
 use std::time::Duration;
+
+use crate::topic::directory;
 
 /// An open segment file. Locks belong to it, not to the process.
 #[derive(Debug)]
@@ -33,6 +35,50 @@ pub(crate) enum Name {
     Other,
     /// Nowhere.
     Missing,
+}
+
+/// Whose a file is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct FileOwner {
+    pub(crate) user: u32,
+    pub(crate) group: u32,
+}
+
+impl FileOwner {
+    fn of(found: &Metadata) -> FileOwner {
+        FileOwner {
+            user: found.uid(),
+            group: found.gid(),
+        }
+    }
+}
+
+/// Whose the file at a path is; of a symbolic link, the link's.
+pub(crate) fn owner_of(path: &Path) -> io::Result<FileOwner> {
+    std::fs::symlink_metadata(path).map(|found| FileOwner::of(&found))
+}
+
+/// The user that this process acts as.
+pub(crate) fn own_user() -> u32 {
+    // SAFETY: geteuid takes nothing and cannot fail.
+    unsafe { libc::geteuid() }
+}
+
+/// Whether this program was started with more rights than the user who started it has.
+pub(crate) fn has_gained_rights() -> bool {
+    // SAFETY: getauxval takes no pointer.
+    unsafe { libc::getauxval(libc::AT_SECURE) != 0 }
+}
+
+/// Whether files get the group of the directory of segments, whoever makes them.
+pub(crate) fn directory_gives_group() -> bool {
+    const SET_GROUP: u32 = 0o2000;
+    std::fs::metadata(directory()).map_or(true, |found| found.mode() & SET_GROUP != 0)
+}
+
+/// A small file as text; none is empty.
+pub(crate) fn text_of(path: &Path) -> String {
+    std::fs::read_to_string(path).unwrap_or_default()
 }
 
 /// How a segment is opened and mapped.
@@ -148,11 +194,8 @@ impl Segment {
         Ok(())
     }
 
-    /// Whether the file belongs to another user than the one that this process acts as.
-    pub(crate) fn is_foreign(&self) -> io::Result<bool> {
-        // SAFETY: geteuid takes nothing and cannot fail.
-        let own = unsafe { libc::geteuid() };
-        Ok(self.file.metadata()?.uid() != own)
+    pub(crate) fn owner(&self) -> io::Result<FileOwner> {
+        self.file.metadata().map(|found| FileOwner::of(&found))
     }
 
     pub(crate) fn write_head(&self, bytes: &[u8]) -> io::Result<()> {

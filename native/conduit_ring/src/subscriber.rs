@@ -19,6 +19,10 @@ use crate::waker::Waker;
 /// How long a sleep may be while a file is there that is not yet a segment, or the directory cannot be watched.
 const UNWATCHED_SLEEP: Duration = Duration::from_millis(50);
 
+/// Between two looks at a topic on which there is no word to sleep on, from after a message on.
+const SHORTEST_NAP: Duration = Duration::from_millis(1);
+const LONGEST_NAP: Duration = Duration::from_millis(4);
+
 /// How a topic is read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SubscriberOptions {
@@ -94,6 +98,8 @@ pub struct Subscriber {
     next_look: Instant,
     past: Stats,
     owner: Owner,
+    /// How long the next sleep on a stranger's topic is.
+    nap: Duration,
 }
 
 /// What the subscriber holds on to.
@@ -145,6 +151,7 @@ impl Subscriber {
             next_look: Instant::now(),
             past: Stats::default(),
             owner: Owner::here(),
+            nap: SHORTEST_NAP,
         };
         match Attachment::open(topic, part, options.guard, Beginning::At(options.start))? {
             Some(attachment) => subscriber.hold(attachment)?,
@@ -377,7 +384,10 @@ impl Subscriber {
             }
             taken => taken?,
         };
-        self.past.delivered += u64::from(taken.is_some());
+        if taken.is_some() {
+            self.past.delivered += 1;
+            self.nap = SHORTEST_NAP;
+        }
         Ok(taken)
     }
 
@@ -443,7 +453,8 @@ impl Subscriber {
     fn hold(&mut self, attachment: Attachment) -> Result<(), Error> {
         // A waker writes to what its subscriber sleeps on.
         let writable = self.part == Part::Reader;
-        self.waker.attach(writable.then(|| attachment.alarm()));
+        self.waker
+            .attach(if writable { attachment.alarm() } else { None });
         self.tie = Tie::Attached(attachment);
         self.look_at_publisher()
     }
@@ -465,12 +476,17 @@ impl Subscriber {
         };
     }
 
-    fn sleep(&self, timeout: Duration) {
+    fn sleep(&mut self, timeout: Duration) {
         match &self.tie {
             Tie::Attached(attachment) => {
                 let news =
                     || self.waker.is_woken() || attachment.has_news() || !attachment.says_live();
-                attachment.sleep(timeout, news);
+                if !attachment.is_unmapped() {
+                    attachment.sleep(timeout, news);
+                } else if !news() {
+                    segment::wait_for_either(self.waker.event(), None, timeout.min(self.nap));
+                    self.nap = (2 * self.nap).min(LONGEST_NAP);
+                }
             }
             Tie::Awaiting { watch, .. } => {
                 let blind = watch.is_none() || self.topic.path().exists();

@@ -220,20 +220,19 @@ fn what_is_no_plain_file_is_refused() {
     std::fs::remove_file(topic.path()).unwrap();
     std::fs::create_dir(topic.path()).unwrap();
     let [publisher, subscriber, info] = errors();
-    assert_eq!(
-        (publisher.errno(), subscriber.errno()),
-        (Some(libc::EISDIR), Some(libc::EISDIR))
-    );
-    assert!(
-        matches!(
-            info,
-            Error::BadSegment {
-                fault: Fault::NotAFile,
-                ..
-            }
-        ),
-        "{info}"
-    );
+    assert_eq!(publisher.errno(), Some(libc::EISDIR));
+    for error in [subscriber, info] {
+        assert!(
+            matches!(
+                error,
+                Error::BadSegment {
+                    fault: Fault::NotAFile,
+                    ..
+                }
+            ),
+            "{error}"
+        );
+    }
     std::fs::remove_dir(topic.path()).unwrap();
     assert!(matches!(
         Info::read(&topic).unwrap_err(),

@@ -125,10 +125,16 @@ pub fn tell_ready() {
 impl Helper {
     /// Starts a helper and waits until it is ready.
     pub fn start(role: &str, topic: &Topic) -> Helper {
+        Helper::start_in(role, topic, &[])
+    }
+
+    /// As [`Helper::start`], with variables in its environment.
+    pub fn start_in(role: &str, topic: &Topic, variables: &[(&str, &str)]) -> Helper {
         let mut child = Command::new(std::env::current_exe().unwrap())
             .args(["--exact", "child", "--nocapture", "--test-threads=1"])
             .env(ROLE, role)
             .env(TOPIC, topic.name())
+            .envs(variables.iter().copied())
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .spawn()
