@@ -2,7 +2,7 @@
 
 use std::io;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::attach::{self, Attached, Found};
 use crate::error::{Error, Fault};
@@ -13,11 +13,12 @@ use crate::lease::Lease;
 use crate::line::{Line, Ticket};
 use crate::memory::Memory;
 use crate::pins::{self, Announced};
-use crate::reader::{Dialect, Meta, Policy, Reader, Sink, Source, Start};
+use crate::processes;
+use crate::reader::{self, Dialect, Meta, Policy, Reader, Sink, Source, Start};
 use crate::segment::{Access, Name, Segment};
 use crate::sync::Ordering::{Acquire, Relaxed};
 use crate::topic::Topic;
-use crate::wait;
+use crate::wait::{self, LONGEST_LEGACY_SLEEP, LONGEST_SLEEP};
 use crate::waker::Alarm;
 
 /// Whether there is something to expect from a segment.
@@ -86,7 +87,21 @@ pub(crate) struct Attachment {
     reader: Reader,
     /// What is known since the first lease.
     announced: Option<Announced>,
+    legacy: LegacyLife,
 }
+
+/// What is known of a legacy publisher, which holds no lock.
+#[derive(Debug)]
+struct LegacyLife {
+    alive: bool,
+    published: u64,
+    next_look: Instant,
+    /// The process that had the segment mapped when last looked.
+    peer: Option<u32>,
+}
+
+/// From a legacy publisher's last message, and from one look to the next, until the processes are looked at.
+const LEGACY_LOOKS: Duration = Duration::from_secs(1);
 
 /// How a segment is read.
 enum Way {
@@ -182,6 +197,12 @@ impl Attachment {
             header,
             reader,
             announced: None,
+            legacy: LegacyLife {
+                alive: true,
+                published: 0,
+                next_look: Instant::now() + LEGACY_LOOKS,
+                peer: None,
+            },
         }))
     }
 
@@ -365,7 +386,7 @@ impl Attachment {
     }
 
     /// Looks whether the publisher lives and the topic is still this segment.
-    pub(crate) fn life(&self, topic: &Topic) -> io::Result<Life> {
+    pub(crate) fn life(&mut self, topic: &Topic) -> io::Result<Life> {
         let segment = self.way.segment();
         let header = segment.head::<FIXED_LEN>()?;
         let len = segment.len()?;
@@ -374,8 +395,49 @@ impl Attachment {
             return Ok(Life::Over);
         }
         let name = segment.name(topic.path())?;
-        let alive = segment.is_locked(PUBLISHER_LOCK)?;
+        let alive = if is_native(&self.header) {
+            segment.is_locked(PUBLISHER_LOCK)?
+        } else {
+            self.legacy_publisher_lives()
+        };
         Ok(judge(is_native(&self.header), alive, name))
+    }
+
+    /// Whether a legacy publisher lives, as far as is known: it publishes, or some process has the segment mapped as it would.
+    fn legacy_publisher_lives(&mut self) -> bool {
+        let now = Instant::now();
+        let published = match &self.way {
+            Way::Mapped { attached, .. } => reader::published(&*attached.memory),
+            Way::Guarded(guarded) => reader::published(&**guarded),
+        };
+        if published != self.legacy.published {
+            self.legacy.published = published;
+            self.legacy.alive = true;
+            self.legacy.next_look = now + LEGACY_LOOKS;
+        } else if now >= self.legacy.next_look {
+            let last = self.legacy.peer;
+            self.legacy.peer = match &self.way {
+                Way::Mapped { attached, line } => {
+                    let own = line.as_ref().map(|line| line.number());
+                    processes::legacy_peer(&attached.segment, &*attached.memory, own, last)
+                }
+                Way::Guarded(guarded) => {
+                    processes::legacy_peer(&guarded.segment, &**guarded, None, last)
+                }
+            };
+            self.legacy.alive = self.legacy.peer.is_some();
+            self.legacy.next_look = Instant::now() + LEGACY_LOOKS;
+        }
+        self.legacy.alive
+    }
+
+    /// The longest sleep without a look at the publisher.
+    pub(crate) fn longest_sleep(&self) -> Duration {
+        if is_native(&self.header) {
+            LONGEST_SLEEP
+        } else {
+            LONGEST_LEGACY_SLEEP
+        }
     }
 
     /// Claims a line again if the claim was wiped: a legacy publisher that starts anew clears the header.
@@ -437,8 +499,8 @@ unsafe impl Sink for Copied {
 fn judge(native: bool, alive: bool, name: Name) -> Life {
     match (native, alive, name) {
         (_, _, Name::Other) => Life::Over,
-        (true, true, _) | (false, _, Name::Same) => Life::Up,
-        (true, false, Name::Same) => Life::Down,
+        (true, true, _) | (false, true, Name::Same) => Life::Up,
+        (_, false, Name::Same) => Life::Down,
         (_, _, Name::Missing) => Life::Over,
     }
 }
@@ -468,9 +530,12 @@ mod tests {
     }
 
     #[test]
-    fn a_legacy_segment_lives_by_its_name() {
-        assert_eq!(judge(false, false, Name::Same), Life::Up);
-        assert_eq!(judge(false, false, Name::Missing), Life::Over);
-        assert_eq!(judge(false, false, Name::Other), Life::Over);
+    fn a_legacy_segment_lives_by_its_name_and_by_who_has_it_mapped() {
+        assert_eq!(judge(false, true, Name::Same), Life::Up);
+        assert_eq!(judge(false, false, Name::Same), Life::Down);
+        for alive in [false, true] {
+            assert_eq!(judge(false, alive, Name::Missing), Life::Over);
+            assert_eq!(judge(false, alive, Name::Other), Life::Over);
+        }
     }
 }

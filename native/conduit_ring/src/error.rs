@@ -232,11 +232,14 @@ pub enum PublishError {
         /// The longest that fits.
         max: usize,
     },
-    /// A subscriber's [`Lease`](crate::Lease) holds the message that this one would overwrite. It was dropped and counted;
-    /// the next one gets the same number.
+    /// Subscribers' [`Lease`](crate::Lease)s hold messages in all slots. It was dropped and counted; the next one gets the same
+    /// number.
     SlotHeld,
     /// The publisher belongs to the process that forked this one.
     Forked,
+    /// The topic's name does not lead to this publisher's file any more, and that could not be made anew: see
+    /// [`Publisher::trouble`](crate::Publisher::trouble). Nothing was published; it is tried again.
+    NameLost,
 }
 
 impl fmt::Display for PublishError {
@@ -245,9 +248,12 @@ impl fmt::Display for PublishError {
             PublishError::TooLarge { len, max } => {
                 write!(f, "the message has {len} bytes and a slot holds {max}")
             }
-            PublishError::SlotHeld => f.write_str("a subscriber holds the slot"),
+            PublishError::SlotHeld => f.write_str("subscribers hold all slots"),
             PublishError::Forked => {
                 f.write_str("the publisher belongs to the process that forked this one")
+            }
+            PublishError::NameLost => {
+                f.write_str("the topic's file was removed and could not be made anew")
             }
         }
     }

@@ -48,13 +48,17 @@
 //!   attaches to the topic's next life by itself.
 //! - **Nothing in the file is believed.** Geometry is checked against the file's real size before anything is mapped,
 //!   lengths against the geometry. A damaged file is an error or no data.
+//! - **A topic keeps its name.** A publisher whose file was removed, or whose name was given to another file, makes the file
+//!   anew under the same sequence numbers, or says why it cannot ([`Publisher::look_after`]).
+//! - **A reader stops nobody else**, whatever it holds and however it hangs ([`Lease`]).
 //! - **Memory is bounded** by the geometry, and allocated when the topic is made: a full `/dev/shm` is an error then.
 //!
 //! Sequence numbers count from 0 within one segment. A publisher that dies is succeeded in the same segment; one that
 //! closes its topic, or a successor with another [`Geometry`] or [`ContentTag`], ends it, and the next begins at 0.
 //!
 //! Unmodified conduit programs (C++) can be at either end; "legacy" in this documentation means such a peer. Of a legacy
-//! publisher one slot fewer is trusted, and its death is not noticed as long as its file stays.
+//! publisher one slot fewer is trusted, and its death is noticed a second or two later, when nobody but subscribers of this
+//! crate has its file mapped.
 //!
 //! # When not to use it
 //!
@@ -129,6 +133,8 @@ mod observer;
 #[cfg(not(loom))]
 mod owner;
 #[cfg(not(loom))]
+mod processes;
+#[cfg(not(loom))]
 mod publisher;
 #[cfg(not(loom))]
 pub mod repair;
@@ -156,6 +162,7 @@ pub use {
     listing::Listing,
     loan::{Loan, SuspendedLoan},
     observer::{Observer, ObserverOptions},
+    processes::{Nameless, nameless_publishers},
     publisher::{Publisher, PublisherOptions},
     subscriber::{Read, Received, Stats, Subscriber, SubscriberOptions, Wait},
     waker::Waker,

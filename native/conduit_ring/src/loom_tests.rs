@@ -662,7 +662,7 @@ fn a_successor_respects_what_is_held_wherever_its_predecessor_was_killed() {
 
 #[test]
 fn what_a_loan_left_behind_is_never_accepted() {
-    check(3, || {
+    check(2, || {
         let memory = two_slots();
         let mut writer = Writer::resume(&memory);
         let mut pinner = Pinner::begin(&memory, 0);

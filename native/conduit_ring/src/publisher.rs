@@ -24,6 +24,9 @@ const FRUITLESS_WAKES: u32 = 64;
 /// How often the holders of a slot that is in the way are asked whether they live.
 const HOLDER_LOOKS_NS: u64 = 10_000_000;
 
+/// How often a publisher looks whether the topic's name leads to its file.
+const NAME_LOOKS_NS: u64 = 250_000_000;
+
 /// How a topic is published.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PublisherOptions {
@@ -61,6 +64,13 @@ pub struct Publisher {
     next_holder_look_ns: u64,
     abandoned: bool,
     owner: Owner,
+    /// When to look next whether the topic's name leads here, on the clock of messages; 0 while it does not.
+    next_name_look_ns: u64,
+    /// When to try next to get it back.
+    next_renewal_ns: u64,
+    /// Why the name could not be got back.
+    trouble: Option<Error>,
+    renewals: u64,
 }
 
 impl Publisher {
@@ -82,6 +92,10 @@ impl Publisher {
             next_holder_look_ns: 0,
             abandoned: false,
             owner: Owner::here(),
+            next_name_look_ns: clock::now_ns() + NAME_LOOKS_NS,
+            next_renewal_ns: 0,
+            trouble: None,
+            renewals: 0,
         })
     }
 
@@ -91,6 +105,7 @@ impl Publisher {
     /// # Errors
     /// [`PublishError::TooLarge`]; [`PublishError::SlotHeld`] while subscribers' leases hold all slots. Both are counted, and
     /// nothing is published. A slot that is held among others is passed over, and its number with it.
+    /// [`PublishError::NameLost`]: see [`Publisher::look_after`].
     #[inline]
     pub fn publish(&mut self, message: &[u8]) -> Result<u64, PublishError> {
         self.publish_slices(&[message])
@@ -107,6 +122,9 @@ impl Publisher {
             .fold(0_usize, |len, part| len.saturating_add(part.len()));
         self.check_len(len)?;
         let now_ns = clock::now_ns();
+        if now_ns >= self.next_name_look_ns {
+            self.keep_name(now_ns)?;
+        }
         match self.writer.publish(&self.attached.memory, parts, now_ns) {
             Ok(published) => Ok(self.after_publish(published)),
             Err(pinned) => self.publish_elsewhere(pinned, parts, now_ns),
@@ -135,10 +153,71 @@ impl Publisher {
     /// As [`Publisher::publish`].
     pub fn loan(&mut self, len: usize) -> Result<Loan<'_>, PublishError> {
         self.check_len(len)?;
+        let now_ns = clock::now_ns();
+        if now_ns >= self.next_name_look_ns {
+            self.keep_name(now_ns)?;
+        }
         if let Err(pinned) = self.writer.begin(&self.attached.memory) {
             self.beyond_held_slots(pinned, Writer::begin)?;
         }
         Ok(Loan::new(self, len))
+    }
+
+    /// Looks whether the topic's name still leads to this publisher's file. Where the file was removed or another one has the
+    /// name, it is made anew: with the same messages, at the same sequence number, and the subscribers follow.
+    ///
+    /// Publishing looks by itself, at most once in a quarter of a second. This is for a publisher that may be silent for
+    /// longer, and must be found all the same.
+    ///
+    /// # Errors
+    /// [`PublishError::NameLost`] when the name is another living publisher's or a stranger's, or for want of memory;
+    /// [`Publisher::trouble`] tells. From then on nothing is published until the name is free: each look tries again.
+    pub fn look_after(&mut self) -> Result<(), PublishError> {
+        if !self.owner.is_here() {
+            return Err(PublishError::Forked);
+        }
+        self.next_renewal_ns = 0;
+        self.keep_name(clock::now_ns())
+    }
+
+    /// Why the topic's name is lost, while it is.
+    pub fn trouble(&self) -> Option<&Error> {
+        self.trouble.as_ref()
+    }
+
+    /// How many times this publisher had to make its file anew.
+    pub fn renewals(&self) -> u64 {
+        self.renewals
+    }
+
+    #[cold]
+    fn keep_name(&mut self, now_ns: u64) -> Result<(), PublishError> {
+        if self.trouble.is_some() && now_ns < self.next_renewal_ns {
+            return Err(PublishError::NameLost);
+        }
+        self.next_renewal_ns = now_ns.saturating_add(NAME_LOOKS_NS);
+        match create::renew(&self.topic, &self.attached) {
+            Ok(renewed) => {
+                self.trouble = None;
+                self.next_name_look_ns = self.next_renewal_ns;
+                if let Some(renewed) = renewed {
+                    self.move_to(renewed);
+                }
+                Ok(())
+            }
+            Err(trouble) => {
+                self.trouble = Some(trouble);
+                self.next_name_look_ns = 0;
+                Err(PublishError::NameLost)
+            }
+        }
+    }
+
+    fn move_to(&mut self, renewed: Attached) {
+        let old = std::mem::replace(&mut self.attached, renewed);
+        // A loan elsewhere may keep the open file alive, and so the lock.
+        let _ = old.segment.unlock(PUBLISHER_LOCK);
+        self.renewals += 1;
     }
 
     pub(crate) fn shared_memory(&self) -> &Arc<Memory> {

@@ -3,8 +3,9 @@
 
 use crate::attach;
 use crate::claim;
+use crate::create;
 use crate::error::{Error, Fault};
-use crate::header::{FIXED_LEN, Header};
+use crate::header::{FIXED_LEN, Header, Origin};
 use crate::info::Info;
 use crate::layout::{EXT_MAGIC, HEADER_LEN, MAGIC, PUBLISHER_LOCK, ReaderLine, SUBSCRIBER_MASK};
 use crate::memory::Memory;
@@ -43,6 +44,19 @@ pub fn reclaim_readers(topic: &Topic) -> Result<usize, Error> {
     claim::reclaim_leaked(&attached.memory, &attached.segment)
         .map_err(Error::os("lock", topic.path()))?;
     Ok(before.saturating_sub(leaked(Info::read(topic)?)))
+}
+
+/// Whether a topic was made by a legacy publisher that is dead: no process has it mapped, as far as can be seen, but readers
+/// of this crate's.
+///
+/// # Errors
+/// [`Error::NoTopic`], [`Error::BadSegment`], [`Error::Os`].
+pub fn is_left_by_legacy_publisher(topic: &Topic) -> Result<bool, Error> {
+    let segment = attach::open_file(topic, Access::Read)?.ok_or_else(|| Error::NoTopic {
+        path: topic.path().to_owned(),
+    })?;
+    let header = attach::sound_header(topic, &segment)?;
+    Ok(header.origin == Origin::Legacy && create::is_left_by_legacy(topic, header)?)
 }
 
 /// Removes the file of a topic whose publisher is dead and that no process has open. A damaged one goes too if it shows

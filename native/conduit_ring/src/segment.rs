@@ -6,7 +6,7 @@ use std::io;
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd, RawFd};
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt, PermissionsExt, fchown};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::ptr;
 use std::sync::atomic::AtomicU32;
 use std::time::Duration;
@@ -51,6 +51,50 @@ impl FileOwner {
             group: found.gid(),
         }
     }
+}
+
+/// Which file it is, as /proc/PID/maps tells it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct FileId {
+    /// Major and minor number.
+    pub(crate) device: (u32, u32),
+    pub(crate) inode: u64,
+}
+
+impl FileId {
+    fn of(found: &Metadata) -> FileId {
+        FileId {
+            device: (libc::major(found.dev()), libc::minor(found.dev())),
+            inode: found.ino(),
+        }
+    }
+}
+
+/// The processes that there are.
+pub(crate) fn processes() -> Vec<u32> {
+    let names = names_in(Path::new("/proc")).unwrap_or_default();
+    names
+        .iter()
+        .filter_map(|name| name.to_str()?.parse().ok())
+        .collect()
+}
+
+/// The mappings of a process, one a line; empty of one that is gone or may not be looked at.
+pub(crate) fn maps_of(pid: u32) -> String {
+    let maps = std::fs::read(format!("/proc/{pid}/maps")).unwrap_or_default();
+    String::from_utf8_lossy(&maps).into_owned()
+}
+
+/// A file that a process has open, opened anew.
+pub(crate) fn opened_by(pid: u32, file: FileId) -> Option<Segment> {
+    let directory = PathBuf::from(format!("/proc/{pid}/fd"));
+    let names = names_in(&directory).ok()?;
+    let is_it = |path: &PathBuf| {
+        std::fs::metadata(path).is_ok_and(|found| FileId::of(&found) == file && found.is_file())
+    };
+    let path = names.iter().map(|name| directory.join(name)).find(is_it)?;
+    let file = File::open(path).ok()?;
+    Some(Segment { file })
 }
 
 /// Whose the file at a path is; of a symbolic link, the link's.
@@ -196,6 +240,37 @@ impl Segment {
 
     pub(crate) fn owner(&self) -> io::Result<FileOwner> {
         self.file.metadata().map(|found| FileOwner::of(&found))
+    }
+
+    pub(crate) fn id(&self) -> io::Result<FileId> {
+        self.file.metadata().map(|found| FileId::of(&found))
+    }
+
+    /// Permissions and group.
+    pub(crate) fn access_rights(&self) -> io::Result<(u32, u32)> {
+        self.file
+            .metadata()
+            .map(|found| (found.mode() & 0o7777, found.gid()))
+    }
+
+    /// Whether this and the other one are of one file.
+    pub(crate) fn is_same(&self, other: &Segment) -> io::Result<bool> {
+        Ok(self.id()? == other.id()?)
+    }
+
+    /// Copies what lies from `from` to `to` in the other one.
+    pub(crate) fn copy_from(&self, other: &Segment, from: u64, to: u64) -> io::Result<()> {
+        const PIECE: u64 = 1 << 20;
+        let mut piece = vec![0; PIECE.min(to - from) as usize];
+        let mut at = from;
+        while at < to {
+            let len = PIECE.min(to - at);
+            let bytes = &mut piece[..len as usize];
+            other.read_at(bytes, at)?;
+            self.file.write_all_at(bytes, at)?;
+            at += len;
+        }
+        Ok(())
     }
 
     pub(crate) fn write_head(&self, bytes: &[u8]) -> io::Result<()> {

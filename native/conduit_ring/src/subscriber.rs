@@ -249,7 +249,7 @@ impl Subscriber {
             if left.is_zero() {
                 return Ok(Wait::TimedOut);
             }
-            self.sleep(left.min(LONGEST_SLEEP));
+            self.sleep(left.min(self.longest_sleep()));
         }
     }
 
@@ -345,6 +345,11 @@ impl Subscriber {
         })
     }
 
+    fn longest_sleep(&self) -> Duration {
+        self.attachment()
+            .map_or(LONGEST_SLEEP, Attachment::longest_sleep)
+    }
+
     fn has_news(&self) -> bool {
         self.attachment().is_some_and(Attachment::has_news)
     }
@@ -416,7 +421,7 @@ impl Subscriber {
     }
 
     fn look_at_publisher(&mut self) -> Result<(), Error> {
-        self.next_look = Instant::now() + LONGEST_SLEEP;
+        self.next_look = Instant::now() + self.longest_sleep();
         let Tie::Attached(attachment) = &mut self.tie else {
             return Ok(());
         };
@@ -545,5 +550,38 @@ unsafe impl<B: AsMut<[u8]>, F: FnMut(usize) -> B> Sink for IntoNew<B, F> {
             "the buffer must be as long as was asked for"
         );
         room.as_mut_ptr()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::publisher::{Publisher, PublisherOptions};
+
+    /// What happens between a look for messages that finds none and a look at the publisher.
+    #[test]
+    fn what_was_published_in_between_comes_before_the_word_that_the_publisher_is_gone() {
+        let ends: [fn(Publisher); 2] = [Publisher::close, Publisher::abandon];
+        for end in ends {
+            let name = format!("last-words-{}", std::process::id());
+            let topic = Topic::new(&name).unwrap();
+            let mut publisher = Publisher::open(&topic, &PublisherOptions::default()).unwrap();
+            let mut subscriber = Subscriber::open(&topic, &Default::default()).unwrap();
+            let mut buffer = Vec::new();
+            assert_eq!(subscriber.try_read(&mut buffer).unwrap(), Read::Nothing);
+            publisher.publish(b"last").unwrap();
+            publisher.publish(b"words").unwrap();
+            end(publisher);
+            subscriber.look_at_publisher().unwrap();
+            for word in [b"last".as_slice(), b"words"] {
+                let read = subscriber.try_read(&mut buffer).unwrap();
+                assert!(matches!(read, Read::Message(_)), "{read:?}");
+                assert_eq!(buffer, word);
+            }
+            subscriber.look_at_publisher().unwrap();
+            let read = subscriber.try_read(&mut buffer).unwrap();
+            assert_eq!(read, Read::PublisherDown);
+            let _ = std::fs::remove_file(topic.path());
+        }
     }
 }

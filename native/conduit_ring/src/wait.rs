@@ -9,6 +9,9 @@ use crate::sync::{Ordering, fence};
 /// The longest single sleep: whoever wakes from it looks whether the publisher lives.
 pub(crate) const LONGEST_SLEEP: Duration = Duration::from_millis(500);
 
+/// The same where the publisher is a legacy one, whose end wakes nobody.
+pub(crate) const LONGEST_LEGACY_SLEEP: Duration = Duration::from_millis(50);
+
 /// Sleeps until the writer notifies, unless there is news already. Returns for no reason, too.
 ///
 /// `news` is asked once the waiting bit is set: what it does not see then, the writer follows with a wake-up.

@@ -4,12 +4,13 @@
 mod support;
 
 use std::fs::OpenOptions;
-use std::sync::atomic::Ordering::*;
+use std::sync::atomic::{AtomicU64, Ordering::*};
 use std::thread;
+use std::time::Instant;
 
 use conduit_ring::{
-    Error, Info, Publisher, PublisherOptions, Read, Received, Start, State, Subscriber,
-    SubscriberOptions, Topic,
+    Error, Info, Observer, ObserverOptions, Publisher, PublisherOptions, Read, Received, Start,
+    State, Subscriber, SubscriberOptions, Topic, repair,
 };
 use support::{LONG, Raw, Scratch, next, next_message};
 
@@ -344,6 +345,100 @@ fn a_native_publisher_replaces_a_legacy_file_only_if_nobody_uses_it_or_by_force(
     let mut forced = Publisher::open(&topic, &force).unwrap();
     assert_eq!(forced.publish(b"x"), Ok(0));
     assert_eq!(Info::read(&topic).unwrap().state, State::Live);
+}
+
+/// As conduit's publisher makes its topic when it starts: under a new file.
+fn restart(topic: &Topic) -> LegacyPublisher {
+    let _ = std::fs::remove_file(topic.path());
+    LegacyPublisher::create(topic, 64)
+}
+
+#[test]
+fn a_legacy_publisher_that_comes_back_fifteen_times_loses_nothing_untold() {
+    let topic = Scratch::new();
+    let mut legacy = restart(&topic);
+    let mut reader = subscriber(&topic, Start::New);
+    let seen = AtomicU64::new(0);
+    thread::scope(|scope| {
+        let reading = scope.spawn(|| {
+            let mut buffer = Vec::new();
+            while seen.load(Relaxed) < 300 {
+                if let Read::Message(meta) = next(&mut reader, &mut buffer) {
+                    seen.fetch_add(1 + meta.lost, Relaxed);
+                }
+            }
+            reader.stats()
+        });
+        for life in 1..=15 {
+            for _ in 0..20 {
+                legacy.publish(b"message");
+            }
+            // It closes and comes back as soon as its last life was noticed, and at the latest after a while.
+            let patience = Instant::now() + LONG;
+            while seen.load(Relaxed) < 20 * life {
+                assert!(Instant::now() < patience, "{seen:?} of {}", 20 * life);
+                thread::yield_now();
+            }
+            if life < 15 {
+                legacy = restart(&topic);
+            }
+        }
+        let stats = reading.join().unwrap();
+        assert_eq!(stats.delivered + stats.lost, 300);
+    });
+}
+
+#[test]
+fn a_legacy_publisher_that_died_under_readers_of_ours_is_told_and_succeeded() {
+    let topic = Scratch::new();
+    let legacy = LegacyPublisher::create(&topic, 64);
+    let mut reader = subscriber(&topic, Start::New);
+    let mut observer = Observer::open(&topic, &ObserverOptions::default()).unwrap();
+    let mut buffer = Vec::new();
+    legacy.publish(b"last words");
+    let refusal = Publisher::open(&topic, &PublisherOptions::default()).unwrap_err();
+    assert!(matches!(refusal, Error::LegacyInUse { .. }), "{refusal}");
+    assert!(!repair::is_left_by_legacy_publisher(&topic).unwrap());
+    assert_eq!(next_message(&mut reader, &mut buffer), (0, 0));
+    drop(legacy);
+    assert_eq!(next(&mut reader, &mut buffer), Read::PublisherDown);
+    while observer.read_timeout(&mut buffer, LONG).unwrap() != Read::PublisherDown {}
+    assert!(!reader.publisher_up());
+    assert!(repair::is_left_by_legacy_publisher(&topic).unwrap());
+
+    let mut ours = publisher(&topic);
+    assert_eq!(next(&mut reader, &mut buffer), Read::PublisherUp);
+    ours.publish(b"first words").unwrap();
+    assert_eq!(next_message(&mut reader, &mut buffer), (0, 0));
+    assert_eq!(buffer, b"first words");
+}
+
+#[test]
+fn a_legacy_publisher_that_is_silent_and_lives_stays_up() {
+    let topic = Scratch::new();
+    let legacy = LegacyPublisher::create(&topic, 64);
+    let mut reader = subscriber(&topic, Start::New);
+    let waited = reader.wait(std::time::Duration::from_millis(2500)).unwrap();
+    assert_eq!(waited, conduit_ring::Wait::TimedOut);
+    assert!(reader.publisher_up());
+    legacy.publish(b"at last");
+    assert_eq!(next_message(&mut reader, &mut Vec::new()), (0, 0));
+}
+
+#[test]
+fn a_legacy_publisher_that_goes_on_in_its_file_after_it_was_found_dead_is_up_again() {
+    let topic = Scratch::new();
+    drop(LegacyPublisher::create(&topic, 64));
+    let mut reader = subscriber(&topic, Start::New);
+    let mut buffer = Vec::new();
+    assert_eq!(next(&mut reader, &mut buffer), Read::PublisherDown);
+    let again = LegacyPublisher {
+        raw: Raw::open(&topic).unwrap(),
+        slot_size: 64,
+    };
+    again.publish(b"again");
+    assert_eq!(next(&mut reader, &mut buffer), Read::PublisherUp);
+    assert_eq!(next_message(&mut reader, &mut buffer), (0, 0));
 }
 
 #[test]

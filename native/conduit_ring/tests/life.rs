@@ -6,7 +6,6 @@ mod support;
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::sync::atomic::Ordering::Relaxed;
 use std::thread;
-use std::time::Duration;
 
 use conduit_ring::{
     ContentTag, Error, Fault, Geometry, Info, Listing, Policy, Publisher, PublisherOptions, Read,
@@ -133,29 +132,32 @@ fn a_dead_topic_of_another_geometry_or_content_is_retired_and_its_subscribers_fo
     }
 }
 
+/// A sleeper without a time limit, as a legacy subscriber is.
 #[test]
-fn a_segment_whose_name_was_removed_and_given_anew_is_left() {
+fn a_takeover_wakes_who_sleeps() {
     let topic = Scratch::new();
-    let mut first = publisher(&topic);
-    let mut subscriber = subscriber(&topic);
-    let mut buffer = Vec::new();
-    std::fs::remove_file(topic.path()).unwrap();
-    assert_eq!(
-        subscriber.wait(Duration::from_millis(1200)).unwrap(),
-        Wait::TimedOut
-    );
-    first.publish(b"still heard").unwrap();
-    assert_eq!(next_message(&mut subscriber, &mut buffer), (0, 0));
+    leave_dead(&topic, Geometry::default(), 1);
+    let raw = Raw::open(&topic).unwrap();
+    let seen = raw.u32(132).load(Relaxed);
+    let (tell, told) = std::sync::mpsc::channel();
+    let sleeper = thread::spawn(move || {
+        raw.futex_wait(seen);
+        tell.send(()).unwrap();
+    });
+    let _publisher = publisher(&topic);
+    told.recv_timeout(LONG).expect("slept on");
+    sleeper.join().unwrap();
+}
+
+#[test]
+fn the_lock_of_a_publisher_that_was_dropped_is_free_although_its_memory_is_still_mapped() {
+    let topic = Scratch::new();
+    leave_dead(&topic, Geometry::default(), 1);
     let mut second = publisher(&topic);
-    assert_eq!(next(&mut subscriber, &mut buffer), Read::PublisherDown);
-    assert_eq!(next(&mut subscriber, &mut buffer), Read::PublisherUp);
-    second.publish(b"new").unwrap();
-    assert_eq!(next_message(&mut subscriber, &mut buffer), (0, 0));
-    first.close();
-    assert!(
-        topic.path().exists(),
-        "a publisher removes the name of its own file only"
-    );
+    let mapped = second.loan(1).unwrap().suspend();
+    second.abandon();
+    assert_eq!(publisher(&topic).publish(b"third"), Ok(1));
+    assert_eq!(mapped.sequence(), 1);
 }
 
 #[test]

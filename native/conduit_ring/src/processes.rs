@@ -1,0 +1,163 @@
+//! What /proc tells of who has segments mapped.
+//!
+//! Of our own peers locks tell who lives. Legacy peers hold none: that a publisher of theirs is dead is known only when no
+//! process has its file mapped but readers of ours. Processes that may not be looked at (on most machines some daemons may
+//! not) count as not having it: a publisher among them shows by its next message.
+
+use std::collections::HashMap;
+
+use crate::claim;
+use crate::layout::ReaderLine;
+use crate::reader::Source;
+use crate::segment::{self, FileId, Segment};
+use crate::sync::Ordering::Relaxed;
+use crate::topic::{PREFIX, Topic, directory};
+
+/// A mapping of a segment into a process, writable and shared.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Mapped {
+    file: FileId,
+    /// As the kernel shows it.
+    path: String,
+}
+
+/// A process that goes on with a segment whose name was removed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Nameless {
+    /// The process.
+    pub pid: u32,
+    /// The name that the segment had.
+    pub topic: Topic,
+}
+
+/// The processes, as far as they can be seen, that publish in segments whose names were removed or given to other files.
+/// Nobody finds such a topic any more. Legacy peers with a removed segment are among them, be they publishers or readers.
+pub fn nameless_publishers() -> Vec<Nameless> {
+    let mut found = Vec::new();
+    for pid in segment::processes() {
+        let maps = segment::maps_of(pid);
+        for mapped in maps.lines().filter_map(writable_mapping) {
+            if let Some(topic) = removed_topic(&mapped.path)
+                && segment::opened_by(pid, mapped.file).is_none_or(|file| is_published(&file))
+            {
+                found.push(Nameless { pid, topic });
+            }
+        }
+    }
+    found.dedup();
+    found
+}
+
+/// A process that has a legacy segment mapped as its publisher would have; the one that had it when last looked is looked at
+/// first. `own` is a line that is held through this very segment.
+pub(crate) fn legacy_peer(
+    segment: &Segment,
+    source: &impl Source,
+    own: Option<ReaderLine>,
+    last: Option<u32>,
+) -> Option<u32> {
+    let file = segment.id().ok()?;
+    let readers = native_readers(segment, source, own);
+    let is_peer = |pid: &u32| {
+        let maps = segment::maps_of(*pid);
+        let mapped = maps.lines().filter_map(writable_mapping);
+        let count = mapped.filter(|mapped| mapped.file == file).count();
+        count > readers.get(pid).copied().unwrap_or(0)
+    };
+    last.filter(is_peer)
+        .or_else(|| segment::processes().into_iter().find(is_peer))
+}
+
+/// How many readers of ours live in each process.
+fn native_readers(
+    segment: &Segment,
+    source: &impl Source,
+    own: Option<ReaderLine>,
+) -> HashMap<u32, usize> {
+    let mut readers = HashMap::new();
+    for line in ReaderLine::all().filter(|&line| claim::is_native_claim(source, line)) {
+        if Some(line) == own || segment.is_locked(line.lock()).unwrap_or(true) {
+            *readers
+                .entry(source.load32(line.pid(), Relaxed))
+                .or_default() += 1;
+        }
+    }
+    readers
+}
+
+fn is_published(segment: &Segment) -> bool {
+    segment
+        .is_locked(crate::layout::PUBLISHER_LOCK)
+        .unwrap_or(false)
+}
+
+/// The topic of a path that the kernel shows as removed.
+fn removed_topic(path: &str) -> Option<Topic> {
+    let name = path.strip_suffix(" (deleted)")?;
+    let name = name
+        .strip_prefix(directory().to_str()?)?
+        .strip_prefix('/')?;
+    Topic::found(name.strip_prefix(PREFIX)?).ok()
+}
+
+/// A line of /proc/PID/maps, if it is of a writable shared mapping of a file.
+fn writable_mapping(line: &str) -> Option<Mapped> {
+    let mut fields = line.splitn(6, ' ');
+    let access = fields.nth(1)?;
+    let (device, inode) = (fields.nth(1)?, fields.next()?.parse().ok()?);
+    let (major, minor) = device.split_once(':')?;
+    let number = |text| u32::from_str_radix(text, 16).ok();
+    (access.as_bytes().get(1) == Some(&b'w') && access.ends_with('s')).then_some(())?;
+    Some(Mapped {
+        file: FileId {
+            device: (number(major)?, number(minor)?),
+            inode,
+        },
+        path: fields.next().unwrap_or_default().trim_start().to_owned(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LINE: &str = "7f64a1c00000-7f64a1c11000 rw-s 00000000 00:1b 4711                       /dev/shm/conduit_imu";
+
+    #[test]
+    fn a_line_of_a_writable_shared_mapping_tells_its_file() {
+        let file = FileId {
+            device: (0, 0x1b),
+            inode: 4711,
+        };
+        let path = "/dev/shm/conduit_imu".to_owned();
+        assert_eq!(writable_mapping(LINE), Some(Mapped { file, path }));
+    }
+
+    #[test]
+    fn other_lines_are_passed_over() {
+        for access in ["r--s", "rw-p", "---p", "x"] {
+            assert_eq!(writable_mapping(&LINE.replace("rw-s", access)), None);
+        }
+        assert_eq!(writable_mapping(""), None);
+        let anonymous = "7f64a1c00000-7f64a1c11000 rw-s 00000000 00:01 12";
+        assert!(writable_mapping(anonymous).is_some_and(|mapped| mapped.path.is_empty()));
+    }
+
+    #[test]
+    fn a_removed_segment_had_a_topic() {
+        let topic = |path| removed_topic(path).map(|topic| topic.name().to_owned());
+        assert_eq!(
+            topic("/dev/shm/conduit_a.b (deleted)").as_deref(),
+            Some("a.b")
+        );
+        for path in [
+            "/dev/shm/conduit_a",
+            "/tmp/conduit_a (deleted)",
+            "/dev/shm/#12 (deleted)",
+            "",
+        ] {
+            assert_eq!(topic(path), None);
+        }
+    }
+}
