@@ -25,6 +25,18 @@ defmodule BB.Ring do
   Not for many small topics that only BEAM processes use: `BB.PubSub` does that without a copy into shared memory. Not for
   messages that must not be lost: a ring keeps the newest, not all.
 
+  ## Other users' files
+
+  Whoever owns a file can cut it off at any moment, which ends every program that has it mapped, and anyone can make a file
+  in `/dev/shm` under the name of a topic. So a file of another user is never mapped: a publisher refuses it, a subscriber
+  reads it guarded (see `BB.Ring.Subscriber`), and `info/1` maps nothing at all. Native programs that run as users of their
+  own are trusted by name or number:
+
+      config :ganglion, BB.Ring, trusted_users: ["vision", 1001], trusted_groups: ["robot"]
+
+  They in turn trust the user of the VM by their environment: `CONDUIT_RING_TRUSTED_UIDS=0`, which the VM reads too. It and
+  `CONDUIT_RING_TRUSTED_GIDS` list numbers or names with commas between.
+
   ## Errors
 
   A topic's name is 1 to 200 characters out of `A-Z a-z 0-9 _ . -`. Topics that others made by other rules ("cam 1", "front:rgb") can
@@ -37,6 +49,7 @@ defmodule BB.Ring do
   |---|---|
   | `{:publisher_alive, os_pid}` | the topic has a live publisher; `os_pid` is 0 when it did not leave its number |
   | `{:legacy_topic, path}` | the file was made by a publisher without our extension, and may be in use |
+  | `{:foreign_owner, path, uid, name}` | the file belongs to another user who is not trusted; `name` is nil when there is none |
   | `{:not_a_ring, path, text}` | the file is no ring, or a broken one |
   | `{:no_topic, path}` | there is no such topic (only `info/1` says so: a subscriber waits for it) |
   | `{:no_reader_slot, path}` | sixteen subscribers are attached already |
@@ -44,10 +57,10 @@ defmodule BB.Ring do
   | `{:other_content, tag}` | the topic's messages have another content than a subscriber takes; 0 where the topic names none |
   | `:closed` | the publisher or subscriber was closed, or its owner has died |
   | `:message_too_large` | the message is longer than the topic's slots |
-  | `:slot_held` | a subscriber holds the slot, so that this message was dropped |
+  | `:slot_held` | subscribers hold all slots, so that this message was dropped |
   """
 
-  alias BB.Ring.Native
+  alias BB.Ring.{Native, Trust}
 
   # ENOSPC
   @no_space 28
@@ -56,6 +69,7 @@ defmodule BB.Ring do
   @type reason ::
           {:publisher_alive, os_pid :: non_neg_integer()}
           | {:legacy_topic, Path.t()}
+          | {:foreign_owner, Path.t(), uid :: non_neg_integer(), name :: String.t() | nil}
           | {:not_a_ring, Path.t(), String.t()}
           | {:no_topic, Path.t()}
           | {:no_reader_slot, Path.t()}
@@ -88,7 +102,8 @@ defmodule BB.Ring do
 
   @typedoc """
   A subscriber that is attached now. One that is not `native` is a legacy peer, of which only `index` and `next_sequence` are known; one that
-  is not `alive` was killed, and its place goes to the next that needs it. `leases` is how many messages it holds in their slots now.
+  is not `alive` was killed, and its place goes to the next that needs it. `leases` is how many messages it holds in their slots now,
+  and `held` their sequence numbers: one that is `slot_count` behind `published` or more costs the topic one number in each lap.
   """
   @type reader :: %{
           index: 0..15,
@@ -97,12 +112,17 @@ defmodule BB.Ring do
           alive: boolean(),
           next_sequence: non_neg_integer(),
           lost: non_neg_integer(),
-          leases: 0..3
+          leases: 0..3,
+          held: [non_neg_integer()]
         }
 
   @doc "Looks at a topic without attaching to it."
   @spec info(String.t()) :: {:ok, info()} | {:error, reason()}
-  def info(topic), do: topic |> check_found_topic!() |> Native.topic_info()
+  def info(topic) do
+    topic = check_found_topic!(topic)
+    Trust.apply!()
+    Native.topic_info(topic)
+  end
 
   @doc """
   The content tag of an encoding's name, as a topic carries it.
@@ -131,6 +151,13 @@ defmodule BB.Ring do
   def format_error({:legacy_topic, path}),
     do: "#{path} belongs to a publisher without the extension and may be in use"
 
+  def format_error({:foreign_owner, path, uid, name}) do
+    owner = if name, do: "#{uid} (#{name})", else: "#{uid}"
+
+    "#{path} belongs to user #{owner}, who is not trusted: remove the file, publish as that user, or " <>
+      "trust the user: config :ganglion, BB.Ring, trusted_users: [#{uid}]"
+  end
+
   def format_error({:not_a_ring, path, text}), do: "#{path} is not a usable ring: #{text}"
   def format_error({:no_topic, path}), do: "#{path}: there is no such topic"
 
@@ -154,7 +181,7 @@ defmodule BB.Ring do
   def format_error({:thread, text}), do: "no thread could be started: #{text}"
   def format_error(:closed), do: "it is closed"
   def format_error(:message_too_large), do: "the message is longer than a slot of the topic"
-  def format_error(:slot_held), do: "a subscriber holds the slot"
+  def format_error(:slot_held), do: "subscribers hold all slots of the topic"
   def format_error(reason), do: inspect(reason)
 
   defp hex(tag), do: "0x" <> (tag |> Integer.to_string(16) |> String.pad_leading(16, "0"))

@@ -35,8 +35,8 @@ defmodule BB.Handoff.Outlet do
   It subscribes to messages of the encoding's payload and publishes each on the topic, in the order in which they come. Native processes read the
   topic without knowing the robot.
 
-  `BB.Handoff.stats/2` gives `%{published: n, too_large: n, held: n}`. A message longer than a slot is counted, and the first one is logged. `held` counts
-  the messages that were dropped since a subscriber held the slot.
+  `BB.Handoff.stats/2` gives `%{published: n, too_large: n, held: n}`. A message longer than a slot is counted, and the first one is logged. `held`
+  counts the messages that were dropped since subscribers held all slots. When somebody removes the topic's file, it is made anew and that is logged.
 
   `max_silence` is about what it carries: an outlet is `:stale` when it has published nothing on
   its topic for so long.
@@ -85,6 +85,17 @@ defmodule BB.Handoff.Outlet do
       {:error, reason} -> {:stop, {:shutdown, {:ring, reason}}, state}
     end
   end
+
+  def handle_info({:bb_ring_publisher, topic, :renewed}, state) do
+    Logger.warning(
+      "#{List.last(state.path)}: somebody removed the file of the topic #{topic}; it was made anew"
+    )
+
+    {:noreply, state}
+  end
+
+  def handle_info({:bb_ring_publisher, _topic, {:error, reason}}, state),
+    do: {:stop, {:shutdown, {:ring, reason}}, state}
 
   def handle_info(_other, state), do: {:noreply, state}
 

@@ -10,12 +10,14 @@ defmodule BB.Ring.Native do
   def nothing, do: not_loaded()
   def topic_info(_topic), do: not_loaded()
   def content_tag(_name), do: not_loaded()
+  def trust(_users, _groups), do: not_loaded()
 
   def publisher_open(_topic, _options), do: not_loaded()
   def publish_binary(_publisher, _data), do: not_loaded()
   def publish_iovec(_publisher, _data), do: not_loaded()
   def publish_large(_publisher, _data), do: not_loaded()
   def publisher_info(_publisher), do: not_loaded()
+  def publisher_trouble(_publisher), do: not_loaded()
   def publisher_close(_publisher), do: not_loaded()
 
   def subscriber_open(_topic, _ref, _options), do: not_loaded()

@@ -40,12 +40,17 @@ defmodule BB.Ring.Publisher do
   A topic has one publisher at a time, in any process of the machine. As a port, it belongs to the process that opened it: when that process
   dies, the topic is left to a successor, which goes on in place; `close/1` ends the topic. Any process may publish through it.
 
+  When the topic's file is removed, or another file gets its name, the file is made anew within a second: with the same messages and
+  at the same sequence number, and the subscribers follow. The owner gets `{:bb_ring_publisher, topic, :renewed}`. Where that cannot
+  be done (another publisher has the name now, or another user), the owner gets `{:bb_ring_publisher, topic, {:error, reason}}`
+  once, and `publish/2` is that error until the name is free again.
+
   ## Options
 
   #{BB.Options.docs(@schema)}
   """
 
-  alias BB.Ring.Native
+  alias BB.Ring.{Native, Trust}
 
   # Up to here a message is copied faster than a move to a dirty scheduler takes.
   @normal_limit 65_536
@@ -64,24 +69,27 @@ defmodule BB.Ring.Publisher do
   @spec open(String.t(), keyword()) :: {:ok, t()} | {:error, BB.Ring.reason()}
   def open(topic, opts \\ []) do
     topic = BB.Ring.check_topic!(topic)
+    options = native_options(opts)
+    Trust.apply!()
 
-    with {:ok, handle} <- Native.publisher_open(topic, native_options(opts)) do
+    with {:ok, handle} <- Native.publisher_open(topic, options) do
       {:ok, %__MODULE__{handle: handle, topic: topic}}
     end
   end
 
   @doc """
-  Publishes one message: `:ok`, `{:error, :message_too_large}` (nothing was written), `{:error, :slot_held}` (a subscriber holds the slot, see
-  `BB.Ring.Subscriber.with_frame/2`: this message is dropped and counted) or `{:error, :closed}`.
+  Publishes one message: `:ok`, `{:error, :message_too_large}` (nothing was written), `{:error, :slot_held}` (subscribers hold all slots, see
+  `BB.Ring.Subscriber.with_frame/2`: this message is dropped and counted), `{:error, :closed}`, or why the topic's name is lost (above).
 
   The bytes of `iodata` are gathered straight into the slot. A message of more than 64 KiB is copied on a dirty scheduler.
   """
-  @spec publish(t(), iodata()) :: :ok | {:error, :message_too_large | :slot_held | :closed}
+  @spec publish(t(), iodata()) :: :ok | {:error, BB.Ring.reason()}
   def publish(%__MODULE__{handle: handle} = publisher, data)
       when is_binary(data) and byte_size(data) <= @normal_limit do
     case Native.publish_binary(handle, data) do
       :ok -> :ok
       :busy -> yield_and(fn -> publish(publisher, data) end)
+      :name_lost -> name_lost(publisher, data)
       reason -> {:error, reason}
     end
   end
@@ -92,6 +100,7 @@ defmodule BB.Ring.Publisher do
     case publish_iovec(handle, iovec, :erlang.iolist_size(iovec)) do
       :ok -> :ok
       :busy -> yield_and(fn -> publish(publisher, iovec) end)
+      :name_lost -> name_lost(publisher, iovec)
       reason -> {:error, reason}
     end
   end
@@ -128,6 +137,15 @@ defmodule BB.Ring.Publisher do
     do: Native.publish_iovec(handle, iovec)
 
   defp publish_iovec(handle, iovec, _size), do: Native.publish_large(handle, iovec)
+
+  defp name_lost(%__MODULE__{handle: handle} = publisher, data) do
+    case Native.publisher_trouble(handle) do
+      {:error, :busy} -> yield_and(fn -> name_lost(publisher, data) end)
+      {:error, reason} -> {:error, reason}
+      # It was found again meanwhile.
+      :ok -> publish(publisher, data)
+    end
+  end
 
   # Another process is in the middle of a publish on this ring: let it run.
   defp yield_and(again) do

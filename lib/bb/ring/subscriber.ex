@@ -22,7 +22,7 @@ defmodule BB.Ring.Subscriber do
               type: {:in, [:auto, :always, :never]},
               default: :auto,
               doc:
-                "Guarded reading: a file that another process cuts off is an error then, where it would kill the VM (SIGBUS). Costs a few system calls a message. `:auto`: of topics that belong to another user."
+                "Guarded reading: a file that another process cuts off is an error then, where it would kill the VM (SIGBUS). Costs a few system calls a message. `:auto`: of topics that belong to another user, who is not trusted (see `BB.Ring`); these are not even mapped, and looked at every few milliseconds. `:never` trusts whoever owns the file."
             ],
             content: [
               type: :string,
@@ -71,7 +71,7 @@ defmodule BB.Ring.Subscriber do
   #{BB.Options.docs(@schema)}
   """
 
-  alias BB.Ring.{Message, Native}
+  alias BB.Ring.{Message, Native, Trust}
 
   @enforce_keys [:handle, :ref, :topic]
   defstruct [:handle, :ref, :topic]
@@ -85,6 +85,7 @@ defmodule BB.Ring.Subscriber do
     topic = BB.Ring.check_found_topic!(topic)
     opts = BB.Options.validate!(opts, @schema)
     ref = make_ref()
+    Trust.apply!()
 
     with {:ok, handle} <-
            Native.subscriber_open(
@@ -153,9 +154,9 @@ defmodule BB.Ring.Subscriber do
   For large messages, as camera frames are: those before the newest are skipped and counted as lost, as by `latest/1`. Up to 64 KiB a
   message is copied, which costs less than to lend it.
 
-  While `fun` runs, the publisher leaves the message's slot alone. It waits for nobody: once it has gone round the ring it drops its *new*
-  messages until `fun` returns (`{:error, :slot_held}` to it, `dropped_pinned` in `BB.Ring.info/1`). So `fun` should take less time than the
-  ring has slots, less one, times the topic's period.
+  While `fun` runs, the publisher leaves the message's slot alone. It waits for nobody and stops for nobody: once it has gone round the ring it
+  passes that slot over, which costs the other subscribers one number in each lap (`lost`, and `dropped_pinned` in `BB.Ring.info/1`, which also
+  tells who holds). So `fun` should take less time than the ring has slots, less one, times the topic's period.
 
   The slot is given back when `fun` returns or raises, or when the process dies. `message.data` and its parts may be kept, returned or sent: they
   never change, like any binary. What is kept is copied at the end, which costs several times as much as `latest/1`. To learn whether something is, the calling

@@ -8,10 +8,12 @@ mod demand;
 mod exclusive;
 mod hot;
 mod lease;
+mod names;
 mod publisher;
 mod subscriber;
 mod terms;
 
+use conduit_ring::trust::Trusted;
 use rustler::{Env, NifResult, Term};
 
 use crate::terms::{InfoTerm, failure};
@@ -41,6 +43,24 @@ fn nothing() -> rustler::Atom {
 #[rustler::nif]
 fn content_tag(name: &str) -> u64 {
     conduit_ring::ContentTag::of(name).value()
+}
+
+/// Trusts these users and groups, lists with commas between, beside those that the environment lists.
+#[rustler::nif(schedule = "DirtyIo")]
+fn trust<'a>(env: Env<'a>, users: &str, groups: &str) -> Term<'a> {
+    let trusted = Trusted::of_environment().and_then(|mut trusted| {
+        let configured = Trusted::parse(users, groups)?;
+        trusted.users.extend(configured.users);
+        trusted.groups.extend(configured.groups);
+        Ok(trusted)
+    });
+    match trusted {
+        Ok(trusted) => {
+            trusted.apply();
+            rustler::types::atom::ok().to_term(env)
+        }
+        Err(error) => terms::error(env, error.to_string()),
+    }
 }
 
 #[rustler::nif(schedule = "DirtyIo")]

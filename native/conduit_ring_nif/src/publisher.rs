@@ -6,6 +6,7 @@ use rustler::{
 };
 
 use crate::exclusive::{Exclusive, Refused};
+use crate::names;
 use crate::terms::{self, InfoTerm, atoms, failure};
 
 /// Two processes that publish at once exclude each other here: the one that comes second is told to try again.
@@ -80,7 +81,60 @@ fn publisher_open<'a>(env: Env<'a>, topic: &str, options: OpenOptions) -> NifRes
     if resource.monitor(Some(env), &env.pid()).is_none() {
         resource.0.retire();
     }
+    names::watch(resource.clone(), env.pid(), topic);
     Ok(terms::ok(env, resource))
+}
+
+/// Why the topic's name is lost: `{:error, reason}`, or `:ok` when it is not any more.
+#[rustler::nif]
+fn publisher_trouble(env: Env, resource: ResourceArc<PublisherResource>) -> Term {
+    let trouble = |held: &mut Held| {
+        let trouble = held.publisher.as_ref().and_then(Publisher::trouble);
+        trouble.map(|trouble| failure(env, trouble))
+    };
+    match resource.0.try_with(trouble) {
+        Ok(Some(failure)) => failure,
+        Ok(None) => rustler::types::atom::ok().to_term(env),
+        Err(refused) => terms::error(env, Atom::from(refused)),
+    }
+}
+
+/// What became of a look after a topic's name.
+pub enum Looked {
+    /// All is well, and the file was made anew so many times.
+    Well(u64),
+    /// The name is lost.
+    Lost,
+    /// Another thread publishes just now, and looks by itself.
+    Busy,
+    /// The publisher is closed.
+    Gone,
+}
+
+/// Looks after a topic's name.
+pub fn look_after(resource: &PublisherResource) -> Looked {
+    let looked = resource.0.try_with(|held| {
+        let publisher = held.publisher.as_mut()?;
+        Some(publisher.look_after().map(|()| publisher.renewals()))
+    });
+    match looked {
+        Ok(Some(Ok(renewals))) => Looked::Well(renewals),
+        Ok(Some(Err(_))) => Looked::Lost,
+        Ok(None) | Err(Refused::Gone) => Looked::Gone,
+        Err(Refused::Busy) => Looked::Busy,
+    }
+}
+
+/// Tells of the trouble that a publisher is in, if it is.
+pub fn with_trouble<T>(
+    resource: &PublisherResource,
+    tell: impl FnOnce(&conduit_ring::Error) -> T,
+) -> Option<T> {
+    let told = resource.0.try_with(|held| {
+        let trouble = held.publisher.as_ref().and_then(Publisher::trouble);
+        trouble.map(tell)
+    });
+    told.ok().flatten()
 }
 
 /// As `hot::publish_binary`, from a list of binaries.

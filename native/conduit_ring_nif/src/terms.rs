@@ -14,9 +14,10 @@ const LENT_FROM: usize = 64 * 1024;
 /// Atoms by name.
 pub mod atoms {
     rustler::atoms! {
-        active, bb_ring, bb_ring_closed, bb_ring_passive, bb_ring_reply, busy, closed, dead, empty, invalid, legacy,
-        legacy_topic, live, message_too_large, no_reader_slot, no_topic, not_a_ring, other_content, passive, publisher_alive,
-        publisher_down, publisher_up, retired, slot_held, system, thread, timeout, too_many_leases, unknown,
+        active, bb_ring, bb_ring_closed, bb_ring_passive, bb_ring_publisher, bb_ring_reply, busy, closed, dead, empty,
+        foreign_owner, invalid, legacy, legacy_topic, live, message_too_large, name_lost, no_reader_slot, no_topic,
+        not_a_ring, other_content, passive, publisher_alive, publisher_down, publisher_up, renewed, retired, slot_held, system, thread,
+        timeout, too_many_leases, unknown,
     }
 }
 
@@ -93,6 +94,7 @@ struct ReaderTerm {
     next_sequence: u64,
     lost: u64,
     leases: u32,
+    held: Vec<u64>,
 }
 
 impl From<Info> for InfoTerm {
@@ -125,6 +127,7 @@ impl From<Reader> for ReaderTerm {
             next_sequence: reader.next_sequence,
             lost: reader.lost,
             leases: reader.leases,
+            held: reader.held,
         }
     }
 }
@@ -143,6 +146,9 @@ fn state(state: State) -> Atom {
 /// `{:error, reason}` with a reason of `t:BB.Ring.reason/0`.
 pub fn failure<'a>(env: Env<'a>, failed: &Error) -> Term<'a> {
     let reason = match failed {
+        Error::ForeignOwner { path, user, name } => {
+            (atoms::foreign_owner(), text(path), user, name).encode(env)
+        }
         Error::PublisherAlive { pid, .. } => (atoms::publisher_alive(), pid).encode(env),
         Error::LegacyInUse { path } => (atoms::legacy_topic(), text(path)).encode(env),
         Error::NoReaderSlot { path } => (atoms::no_reader_slot(), text(path)).encode(env),
@@ -180,6 +186,7 @@ pub fn publish_error(failed: &PublishError) -> Atom {
     match failed {
         PublishError::TooLarge { .. } => atoms::message_too_large(),
         PublishError::SlotHeld => atoms::slot_held(),
+        PublishError::NameLost => atoms::name_lost(),
         _ => atoms::closed(),
     }
 }
