@@ -20,6 +20,8 @@ defmodule BB.RingTest do
     subscriber
   end
 
+  defp path(topic), do: "/dev/shm/conduit_#{topic}"
+
   # A publisher that was opened before has the subscriber attached once its reader slot shows.
   defp await_readers(topic, count) do
     {:ok, info} = Ring.info(topic)
@@ -538,6 +540,55 @@ defmodule BB.RingTest do
     end
   end
 
+  describe "a topic whose file is removed" do
+    import BB.Test.Eventually
+
+    test "is made anew also while nothing is published, and its owner and readers are told", %{
+      topic: topic
+    } do
+      publisher = open!(topic)
+      %{ref: ref} = attached!(topic, active: true)
+      :ok = Publisher.publish(publisher, "before")
+      assert_receive {:bb_ring, ^ref, %Message{data: "before", sequence: 0}}, 30_000
+      File.rm!(path(topic))
+      assert_receive {:bb_ring_publisher, ^topic, :renewed}, 30_000
+      assert {:ok, %{state: :live, published: 1, epoch: 1}} = Ring.info(topic)
+      assert_receive {:bb_ring, ^ref, :publisher_down}, 30_000
+      assert_receive {:bb_ring, ^ref, :publisher_up}, 30_000
+      :ok = Publisher.publish(publisher, "after")
+      assert_receive {:bb_ring, ^ref, %Message{data: "after", sequence: 1, lost: 0}}, 30_000
+      assert {:ok, late} = Subscriber.open(topic, start: {:history, 2})
+      assert {:ok, %Message{data: "before"}} = Subscriber.recv(late, 30_000)
+    end
+
+    test "and whose name another publisher takes says so at once and goes on when it is free", %{
+      topic: topic
+    } do
+      publisher = open!(topic)
+      assert_lost(publisher, topic, usurp(topic))
+    end
+
+    # The publisher looks several times a second: it may have its name back before another one gets it.
+    defp usurp(topic) do
+      File.rm!(path(topic))
+
+      case Publisher.open(topic) do
+        {:ok, usurper} -> usurper
+        {:error, {:publisher_alive, _}} -> usurp(topic)
+      end
+    end
+
+    defp assert_lost(publisher, topic, usurper) do
+      own = String.to_integer(System.pid())
+      reason = {:publisher_alive, own}
+      assert_receive {:bb_ring_publisher, ^topic, {:error, ^reason}}, 30_000
+      assert {:error, ^reason} = Publisher.publish(publisher, "nobody hears")
+      :ok = Publisher.close(usurper)
+      eventually(fn -> Publisher.publish(publisher, "on") == :ok end, 30_000)
+      assert {:ok, %{state: :live}} = Ring.info(topic)
+    end
+  end
+
   describe "with_frame" do
     setup %{topic: topic} do
       publisher = open!(topic, slot_count: 4, slot_size: 200_000)
@@ -580,16 +631,60 @@ defmodule BB.RingTest do
                  assert held(topic) == 1
                  for n <- 1..3, do: published!(publisher, n)
 
-                 for _ <- 1..10,
-                     do: {:error, :slot_held} = Publisher.publish(publisher, "dropped")
+                 for _ <- 1..10, do: :ok = Publisher.publish(publisher, "around it")
 
                  assert data == frame(0)
+                 {:ok, %{readers: [%{held: [0], os_pid: holder}]}} = Ring.info(topic)
+                 assert holder == String.to_integer(System.pid())
                  :seen
                end)
 
       assert held(topic) == 0
       published!(publisher, 4)
-      assert {:ok, %{published: 5, dropped_pinned: 10}} = Ring.info(topic)
+      # 4, 8, 12 and 16 are the numbers of the slot that was held.
+      assert {:ok, %{published: 19, dropped_pinned: 4}} = Ring.info(topic)
+    end
+
+    test "stops no other subscriber, which counts what it costs", %{
+      topic: topic,
+      publisher: publisher,
+      subscriber: subscriber
+    } do
+      other = subscribe!(topic)
+      await_readers(topic, 2)
+      published!(publisher, 0)
+
+      assert {:ok, lost} =
+               Subscriber.with_frame(subscriber, fn _held ->
+                 for n <- 1..20, reduce: 0 do
+                   lost ->
+                     published!(publisher, n)
+                     {:ok, %Message{} = message} = Subscriber.latest(other)
+                     assert message.data == frame(n)
+                     lost + message.lost
+                 end
+               end)
+
+      assert {:ok, %{dropped_pinned: passed}} = Ring.info(topic)
+      # The first frame is what `latest` skipped.
+      assert passed > 0 and lost == passed + 1
+    end
+
+    test "drops a message, and says so, when every slot is held", %{topic: topic} do
+      one = topic <> ".one"
+      on_exit(fn -> File.rm("/dev/shm/conduit_#{one}") end)
+      publisher = open!(one, slot_count: 1, slot_size: 200_000)
+      subscriber = attached!(one)
+      published!(publisher, 0)
+      assert {:ok, _copy} = Subscriber.with_frame(subscriber, & &1.sequence)
+      published!(publisher, 1)
+
+      assert {:ok, {:error, :slot_held}} =
+               Subscriber.with_frame(subscriber, fn _held ->
+                 Publisher.publish(publisher, "dropped")
+               end)
+
+      assert Ring.format_error(:slot_held) =~ "all slots"
     end
 
     test "copies what is kept, and nothing else", %{publisher: publisher, subscriber: subscriber} do

@@ -281,14 +281,15 @@ fn remove_legacy(topic: &Topic, found: &Segment, header: Header, force: bool) ->
     )
 }
 
-/// Whether no process has a legacy segment mapped as its publisher would.
+/// Whether no process has a legacy segment mapped as its publisher would, or is about to.
 pub(crate) fn is_left_by_legacy(topic: &Topic, header: Header) -> Result<bool, Error> {
     let Some(segment) = attach::open_file(topic, Access::Read)? else {
         return Ok(true);
     };
     let looked = Guarded::unmapped(segment, header);
     let peer = processes::legacy_peer(&looked.segment, &looked, None, None);
-    looked.check(topic).map(|()| peer.is_none())
+    let left = peer.is_none() && !processes::is_about_to_be_mapped(&looked.segment);
+    looked.check(topic).map(|()| left)
 }
 
 /// Removes a file that is no native segment, if that harms nobody or the caller insists.

@@ -13,9 +13,10 @@ use crate::segment::{self, FileId, Segment};
 use crate::sync::Ordering::Relaxed;
 use crate::topic::{PREFIX, Topic, directory};
 
-/// A mapping of a segment into a process, writable and shared.
+/// A mapping of a segment into a process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Mapped {
+    writable: bool,
     file: FileId,
     /// As the kernel shows it.
     path: String,
@@ -69,6 +70,21 @@ pub(crate) fn legacy_peer(
         .or_else(|| segment::processes().into_iter().find(is_peer))
 }
 
+/// Whether another process has a segment open and not mapped, as a legacy publisher has that is just about to use it.
+pub(crate) fn is_about_to_be_mapped(segment: &Segment) -> bool {
+    let Ok(file) = segment.id() else {
+        return false;
+    };
+    let has_mapped = |pid| {
+        let maps = segment::maps_of(pid);
+        maps.lines().filter_map(mapping).any(|it| it.file == file)
+    };
+    let own = std::process::id();
+    segment::processes()
+        .into_iter()
+        .any(|pid| pid != own && !has_mapped(pid) && segment::opened_by(pid, file).is_some())
+}
+
 /// How many readers of ours live in each process.
 fn native_readers(
     segment: &Segment,
@@ -103,13 +119,19 @@ fn removed_topic(path: &str) -> Option<Topic> {
 
 /// A line of /proc/PID/maps, if it is of a writable shared mapping of a file.
 fn writable_mapping(line: &str) -> Option<Mapped> {
+    mapping(line).filter(|mapped| mapped.writable)
+}
+
+/// A line of /proc/PID/maps, if it is of a shared mapping of a file.
+fn mapping(line: &str) -> Option<Mapped> {
     let mut fields = line.splitn(6, ' ');
     let access = fields.nth(1)?;
     let (device, inode) = (fields.nth(1)?, fields.next()?.parse().ok()?);
     let (major, minor) = device.split_once(':')?;
     let number = |text| u32::from_str_radix(text, 16).ok();
-    (access.as_bytes().get(1) == Some(&b'w') && access.ends_with('s')).then_some(())?;
+    access.ends_with('s').then_some(())?;
     Some(Mapped {
+        writable: access.as_bytes().get(1) == Some(&b'w'),
         file: FileId {
             device: (number(major)?, number(minor)?),
             inode,
@@ -131,7 +153,13 @@ mod tests {
             inode: 4711,
         };
         let path = "/dev/shm/conduit_imu".to_owned();
-        assert_eq!(writable_mapping(LINE), Some(Mapped { file, path }));
+        let writable = true;
+        let mapped = Mapped {
+            writable,
+            file,
+            path,
+        };
+        assert_eq!(writable_mapping(LINE), Some(mapped));
     }
 
     #[test]

@@ -8,8 +8,11 @@
  *
  * Errors. Functions that can fail return 0 or a negative errno; conduit_ring_last_error() has the sentence.
  *   -EINVAL           the caller's mistake: a NULL that must not be one, a wrong name, value or abi_version
- *   -EBUSY            opening: another publisher of this topic lives; publishing: a subscriber holds the slot, counted,
+ *   -EBUSY            opening: another publisher of this topic lives; publishing: subscribers hold all slots, counted,
  *                     nothing published
+ *   -EPERM            the topic's file belongs to a user who is not trusted (CONDUIT_RING_TRUSTED_UIDS in the
+ *                     environment lists those who are)
+ *   -EIO              publishing: the topic's file was removed, and cannot be made anew (another publisher has the name)
  *   -EEXIST           the topic's file was made by a publisher without the extension and may be in use
  *                     (CONDUIT_RING_FORCE replaces it)
  *   -EPROTO           the topic's file is not a ring, or of an unknown version
@@ -124,7 +127,8 @@ int conduit_ring_publisher_open(const char *topic, const conduit_ring_publisher_
 /*
  * Publishes a message. Waits for no subscriber, and makes no system call unless one sleeps. `sequence`, which may be
  * NULL, gets its number; they count from 0. -EMSGSIZE when it does not fit,
- * -EBUSY when a subscriber holds the slot: then the message is dropped, and the next one gets its number.
+ * -EBUSY when subscribers hold all slots: then the message is dropped, and the next one gets its number. A slot that is
+ * held among others is passed over, and its number with it: other subscribers count that as lost.
  */
 int conduit_ring_publisher_publish(conduit_ring_publisher *publisher, const void *data, size_t size_bytes,
                                    uint64_t *sequence);
@@ -340,7 +344,7 @@ typedef struct conduit_ring_info {
     uint64_t instance_id;       /* random number of this very file; 0 if it has no extension */
     uint64_t last_publish_ns;   /* 0 before the first message */
     int64_t realtime_offset_ns; /* what to add to a time stamp to get wall time, as of the publisher's start */
-    uint64_t dropped_pinned;    /* messages dropped because a reader held the slot */
+    uint64_t dropped_pinned;    /* numbers passed over, and messages dropped, since readers held slots */
     uint64_t rejected_oversize;
     uint64_t wake_count;        /* times that sleepers were called */
     uint32_t reader_count;      /* how many of `readers` are filled */

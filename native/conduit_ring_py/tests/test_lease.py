@@ -132,7 +132,7 @@ def test_a_message_is_looked_at_where_it_lies(topic, publisher, subscriber):
     assert not is_in_the_ring(array, topic), "kept beyond its block"
 
 
-def test_a_publisher_drops_what_would_overwrite_a_lease(topic):
+def test_a_publisher_passes_a_lease_over(topic):
     with Publisher(topic, slot_count=4) as publisher, Subscriber(topic) as subscriber:
         for n in range(4):
             publisher.publish(b"%d" % n)
@@ -143,12 +143,23 @@ def test_a_publisher_drops_what_would_overwrite_a_lease(topic):
             array = frame.array()
             for _ in range(3):
                 publisher.publish(b"others")
-            for _ in range(2):
-                with pytest.raises(SlotHeldError, match="holds the slot"):
-                    publisher.publish(b"dropped")
+            assert publisher.publish(b"behind it") == 9
             assert bytes(frame.data) == array.tobytes() == b"held"
             assert frame.holds_slot
-        assert publisher.info().dropped_pinned == 2
+        assert publisher.info().dropped_pinned == 1
+
+
+def test_a_publisher_drops_a_message_when_every_slot_is_held(topic):
+    with Publisher(topic, slot_count=1) as publisher, Subscriber(topic) as subscriber:
+        publisher.publish(b"first")
+        with subscriber.lease():
+            pass
+        publisher.publish(b"held")
+        with subscriber.lease() as frame:
+            assert frame.holds_slot
+            with pytest.raises(SlotHeldError, match="hold all slots"):
+                publisher.publish(b"dropped")
+        assert publisher.publish(b"on") == 2
         assert publisher.publish(b"after") == 8
         assert array.tobytes() == b"held"
 

@@ -262,3 +262,82 @@ fn a_successor_finds_its_way_after_a_repair() {
     let mut publisher = Publisher::open(&topic, &PublisherOptions::default()).unwrap();
     assert_eq!(publisher.publish(b"first"), Ok(0));
 }
+
+#[test]
+fn a_reader_that_holds_a_slot_for_too_long_is_named() {
+    let scratch = Scratch::alone();
+    let topic = scratch.topic("a");
+    let mut publisher = publisher(&topic, ContentTag::RAW);
+    let mut holder = conduit_ring::Subscriber::open(&topic, &Default::default()).unwrap();
+    let mut hold = |publisher: &mut Publisher| {
+        publisher.publish(b"held").unwrap();
+        match holder.try_lease().unwrap() {
+            conduit_ring::Received::Message(_, lease) => lease,
+            other => panic!("{other:?}"),
+        }
+    };
+    drop(hold(&mut publisher));
+    let lease = hold(&mut publisher);
+    assert!(lease.holds_slot());
+    assert_eq!(doctor(&scratch, &[]).status, Some(0), "not for long yet");
+    let slots = u64::from(publisher.geometry().slot_count());
+    while publisher.next_sequence() <= 2 * slots {
+        publisher.publish(b"on").unwrap();
+    }
+    let found = doctor(&scratch, &[]);
+    let line = &found.json()[0];
+    assert_eq!(line["problem"], "held_slots");
+    let pid = std::process::id();
+    assert_eq!(
+        line["holders"],
+        json!([{"slot": 0, "pid": pid, "messages": [lease.meta().sequence]}])
+    );
+    let detail = line["detail"].as_str().unwrap();
+    assert!(detail.contains(&format!("pid {pid}")), "{detail}");
+    let info = run(&["info", topic.name(), "--json"]);
+    assert_eq!(info.json()[0]["readers"][0]["held"], json!([1]));
+    drop(lease);
+    assert_eq!(doctor(&scratch, &[]).status, Some(0));
+}
+
+#[test]
+fn a_publisher_whose_file_has_lost_its_name_is_named() {
+    let scratch = Scratch::alone();
+    let topic = scratch.topic("a");
+    let publisher = Helper::start("hold", &topic);
+    fs::remove_file(topic.path()).unwrap();
+    let found = doctor(&scratch, &["--fix"]);
+    assert_eq!(found.status, Some(1));
+    let line = &found.json()[0];
+    assert_eq!(
+        (&line["topic"], &line["problem"], &line["pid"]),
+        (
+            &json!(topic.name()),
+            &json!("nameless"),
+            &json!(publisher.pid())
+        )
+    );
+    publisher.kill();
+    assert_eq!(doctor(&scratch, &[]).status, Some(0));
+}
+
+#[test]
+fn a_dead_legacy_publishers_topic_that_our_readers_have_is_told() {
+    let scratch = Scratch::alone();
+    let topic = scratch.topic("a");
+    write_legacy(&topic);
+    let reader = Helper::start("subscribe", &topic);
+    let found = doctor(&scratch, &["--fix"]);
+    let line = &found.json()[0];
+    assert_eq!(
+        (&line["problem"], &line["outcome"]),
+        (&json!("publisher_dead"), &json!("left"))
+    );
+    let detail = line["detail"].as_str().unwrap();
+    assert!(
+        detail.contains(&format!("pid {}", reader.pid())),
+        "{detail}"
+    );
+    let _successor = support::publisher(&topic, ContentTag::RAW);
+    assert_eq!(doctor(&scratch, &[]).status, Some(0));
+}

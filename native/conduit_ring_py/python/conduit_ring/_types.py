@@ -41,7 +41,7 @@ class LeaseLimitError(RingError):
 
 
 class SlotHeldError(RingError):
-    """A subscriber's lease holds the message that this one would overwrite. It was dropped and counted."""
+    """Subscribers' leases hold messages in all slots. This one was dropped and counted."""
 
 
 class ClosedError(RingError, ValueError):

@@ -7,7 +7,7 @@ use crate::options::Options;
 use crate::output::{Output, Record};
 use crate::{process, world};
 use conduit_ring::repair::{self, Repair};
-use conduit_ring::{Error, Info, Listing, State, Topic};
+use conduit_ring::{Error, Info, Listing, State, Topic, nameless_publishers};
 use diagnosis::{Case, Finding, Problem, Remedy};
 use program::{Failure, Log};
 use serde_json::{Value, json};
@@ -41,13 +41,18 @@ What it finds, and what --fix does about it:
 
   leaked_slots      Reader slots of dead readers. Taken back, each under its lock, as the next subscriber would. This is
                     all that is ever done to a topic whose publisher lives.
-  publisher_dead    A file whose publisher is dead. Removed if no process has it open or mapped; as long as a reader
+  publisher_dead    A file whose publisher is dead; of a legacy one that is known when nobody but readers of ours has it. Removed if no process has it open or mapped; as long as a reader
                     waits there for the next publisher, or if that cannot be known, it stays.
   ended             A file whose topic was closed or replaced. The same.
   damaged           A file that was a ring, or was to become one, and is not. The same, and only if it shows that it was
                     one: the ring's magic number, a valid geometry, or a header of zeros.
   legacy_readers    Slots of legacy readers in a file that no process has open or mapped: they hold no lock, and only so
                     is it certain that they are dead. Their bits are cleared.
+  held_slots        Readers that hold a message in its slot for longer than the ring takes to go round: hung or stopped, for
+                    one. The publisher passes the slot over, and each lap costs the topic one number. Named, not touched.
+  nameless          A process that publishes in a file whose name was removed or given to another one, so that nobody
+                    finds the topic. Publishers of this project make it anew by themselves; one that is still there has
+                    no name to take, or is silent, or a legacy one. Named, not touched.
   foreign           What is in the topics' place and no ring: other files, directories, symbolic links, names that no
                     topic can have, later versions, files that may not be read. Never touched.
 
@@ -88,6 +93,12 @@ fn examine(options: &Options) -> Result<(usize, Vec<Finding>), Failure> {
     let mut findings: Vec<Finding> = cases
         .flat_map(|case| diagnosis::diagnose(&case, options.keep_dead))
         .collect();
+    let nameless = nameless_publishers().into_iter();
+    findings.extend(
+        nameless
+            .filter(|found| named(&found.topic))
+            .map(Finding::nameless),
+    );
     if options.prefix.is_empty() {
         findings.extend(listing.misnamed.into_iter().map(Finding::misnamed));
     }
@@ -106,7 +117,14 @@ fn look(topic: Topic) -> Option<Case> {
     } else {
         process::users_of(topic.path())
     };
-    Some(Case { topic, info, users })
+    let is_legacy = info.as_ref().is_ok_and(|info| info.state == State::Legacy);
+    let left_by_legacy = is_legacy && repair::is_left_by_legacy_publisher(&topic).unwrap_or(false);
+    Some(Case {
+        topic,
+        info,
+        users,
+        left_by_legacy,
+    })
 }
 
 /// What became of a problem.
@@ -188,6 +206,16 @@ impl Record for Report {
         }
         if let Problem::LeakedSlots(slots) = &finding.problem {
             line["slots"] = slots.clone().into();
+        }
+        match &finding.problem {
+            Problem::Nameless { pid } => line["pid"] = (*pid).into(),
+            Problem::HeldSlots(holds) => {
+                let holds = holds.iter().map(
+                    |hold| json!({"slot": hold.slot, "pid": hold.pid, "messages": hold.messages}),
+                );
+                line["holders"] = holds.collect();
+            }
+            _ => {}
         }
         line
     }

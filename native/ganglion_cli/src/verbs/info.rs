@@ -87,7 +87,7 @@ impl fmt::Display for Details {
         writeln!(f, "last        {}", or_dash(age))?;
         writeln!(
             f,
-            "dropped     {} since a reader held the slot, {} too large",
+            "dropped     {} since readers held slots, {} too large",
             info.dropped_pinned, info.rejected_oversize
         )?;
         writeln!(f, "wake-ups    {}", info.wake_count)?;
@@ -119,7 +119,16 @@ fn write_reader(f: &mut fmt::Formatter<'_>, reader: &Reader, published: u64) -> 
         process::label(reader.pid),
         published.saturating_sub(reader.next_sequence),
         reader.lost
-    )
+    )?;
+    match reader.held.as_slice() {
+        [] => Ok(()),
+        held => write!(f, "  holds {}", numbers(held)),
+    }
+}
+
+fn numbers(numbers: &[u64]) -> String {
+    let numbers: Vec<String> = numbers.iter().map(u64::to_string).collect();
+    numbers.join(", ")
 }
 
 impl Record for Details {
@@ -162,5 +171,6 @@ fn reader_json(reader: &Reader) -> Value {
         "pid": reader.pid,
         "next_sequence": reader.next_sequence,
         "lost": reader.lost,
+        "held": reader.held,
     })
 }

@@ -556,9 +556,10 @@ void a_lease_holds_its_message_until_it_is_destroyed() {
     CHECK(lease && text_of(*lease) == "held" && lease->holds_slot());
     CHECK(lease->sequence() == 1 && lease->lost() == 0 && lease->timestamp_ns() > 0);
     for (int i = 0; i < 3; ++i) CHECK(publish(publisher, "other"));
-    CHECK(!publish(publisher, "dropped"));
-    CHECK(!publisher.loan(1));
+    CHECK(publish(publisher, "behind it"));
     CHECK(text_of(*lease) == "held");
+    for (int i = 0; i < 3; ++i) CHECK(subscriber.wait_lease().size() > 0);
+    CHECK(text_of(subscriber.wait_lease()) == "behind it");
   }
   CHECK(publish(publisher, "after"));
 }

@@ -1,7 +1,7 @@
 //! What is wrong with a topic, decided from what was seen of it.
 
 use crate::process;
-use conduit_ring::{Error, Fault, Info, State, Topic};
+use conduit_ring::{Error, Fault, Info, Nameless, Reader, State, Topic};
 use std::fmt;
 use std::path::PathBuf;
 
@@ -11,6 +11,8 @@ pub struct Case {
     pub info: Result<Info, Error>,
     /// Processes that can be seen to have its file. Not looked for while its publisher lives.
     pub users: Vec<u32>,
+    /// Whether it was made by a legacy publisher that no process is any more.
+    pub left_by_legacy: bool,
 }
 
 /// Something that is wrong.
@@ -36,8 +38,21 @@ pub enum Problem {
     Damaged { fault: String, users: Vec<u32> },
     /// So many legacy readers are entered in a file that nobody has.
     LegacyReaders(usize),
+    /// These readers hold messages that are older than the ring has slots.
+    HeldSlots(Vec<Hold>),
+    /// This process publishes, or reads as a legacy peer, in a file that has lost its name.
+    Nameless { pid: u32 },
     /// Why it is none of ours.
     Foreign(String),
+}
+
+/// A reader that holds messages in their slots.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Hold {
+    pub slot: u32,
+    pub pid: u32,
+    /// The numbers of the messages.
+    pub messages: Vec<u64>,
 }
 
 /// What may be done.
@@ -70,20 +85,40 @@ pub fn diagnose(case: &Case, keep_dead: bool) -> Vec<Finding> {
     if !leaked.is_empty() {
         problems.push(Problem::LeakedSlots(leaked));
     }
+    let holds = holds(info);
+    if !holds.is_empty() {
+        problems.push(Problem::HeldSlots(holds));
+    }
     let legacy = info.readers.iter().filter(|reader| !reader.native).count();
     if unused && legacy > 0 && info.state != State::Live {
         problems.push(Problem::LegacyReaders(legacy));
     }
-    problems.extend(end(info, &case.users, keep_dead));
+    problems.extend(end(info, case, keep_dead));
     problems
         .into_iter()
         .map(|problem| case.found(problem))
         .collect()
 }
 
+/// Those who hold messages for longer than a lap: each costs the topic a number in every lap.
+fn holds(info: &Info) -> Vec<Hold> {
+    let slots = u64::from(info.geometry.slot_count());
+    let is_old = |number: &u64| info.published.saturating_sub(*number) > slots;
+    let held = |reader: &Reader| Hold {
+        slot: reader.index,
+        pid: reader.pid,
+        messages: reader.held.iter().copied().filter(is_old).collect(),
+    };
+    let living = info.readers.iter().filter(|reader| reader.alive);
+    living
+        .map(held)
+        .filter(|hold| !hold.messages.is_empty())
+        .collect()
+}
+
 /// Why a topic's file should not be there any more.
-fn end(info: &Info, users: &[u32], keep_dead: bool) -> Option<Problem> {
-    let users = users.to_vec();
+fn end(info: &Info, case: &Case, keep_dead: bool) -> Option<Problem> {
+    let users = case.users.clone();
     match info.state {
         State::Live => None,
         State::Dead if keep_dead => None,
@@ -92,7 +127,9 @@ fn end(info: &Info, users: &[u32], keep_dead: bool) -> Option<Problem> {
             users,
         }),
         // A legacy publisher has its own file mapped as long as it lives.
-        State::Legacy if users.is_empty() => Some(Problem::PublisherDead { pid: None, users }),
+        State::Legacy if users.is_empty() || case.left_by_legacy => {
+            Some(Problem::PublisherDead { pid: None, users })
+        }
         State::Legacy => None,
         State::Closed | State::Retired => Some(Problem::Ended { users }),
         _ => Some(Problem::Damaged {
@@ -136,6 +173,16 @@ impl Case {
 }
 
 impl Finding {
+    /// A process that goes on in a file without a name.
+    pub fn nameless(found: Nameless) -> Finding {
+        Finding {
+            path: found.topic.path().to_owned(),
+            topic: Some(found.topic),
+            problem: Problem::Nameless { pid: found.pid },
+            remedy: None,
+        }
+    }
+
     /// A file that begins as a topic's does and goes on otherwise.
     pub fn misnamed(path: PathBuf) -> Finding {
         Finding {
@@ -156,6 +203,8 @@ impl Problem {
             Problem::Ended { .. } => "ended",
             Problem::Damaged { .. } => "damaged",
             Problem::LegacyReaders(_) => "legacy_readers",
+            Problem::HeldSlots(_) => "held_slots",
+            Problem::Nameless { .. } => "nameless",
             Problem::Foreign(_) => "foreign",
         }
     }
@@ -167,7 +216,7 @@ impl Problem {
             Problem::PublisherDead { users, .. }
             | Problem::Ended { users }
             | Problem::Damaged { users, .. } => users.is_empty().then_some(Remedy::Remove),
-            Problem::Foreign(_) => None,
+            Problem::HeldSlots(_) | Problem::Nameless { .. } | Problem::Foreign(_) => None,
         }
     }
 }
@@ -220,8 +269,29 @@ impl fmt::Display for Problem {
             Problem::Ended { users } => write!(f, "its topic has ended{}", Holders(users)),
             Problem::Damaged { fault, users } => write!(f, "damaged, {fault}{}", Holders(users)),
             Problem::LegacyReaders(count) => write!(f, "{count} dead legacy readers are entered"),
+            Problem::HeldSlots(holds) => {
+                let holds: Vec<String> = holds.iter().map(Hold::to_string).collect();
+                write!(
+                    f,
+                    "{}, which costs the topic a number in each lap",
+                    holds.join("; ")
+                )
+            }
+            Problem::Nameless { pid } => write!(
+                f,
+                "{} goes on with it, but its name was removed or leads to another file; nobody else finds it",
+                process::label(*pid)
+            ),
             Problem::Foreign(why) => write!(f, "no ring of ours, {why}"),
         }
+    }
+}
+
+impl fmt::Display for Hold {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let numbers: Vec<String> = self.messages.iter().map(u64::to_string).collect();
+        let (who, what) = (process::label(self.pid), numbers.join(", "));
+        write!(f, "{who}, reader {}, holds message {what}", self.slot)
     }
 }
 
