@@ -54,9 +54,9 @@ impl Part {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Incarnation {
-    /// Random number of the segment; 0 if it has no extension.
+    /// Random number of the sequence of messages; 0 if it has no extension.
     pub instance_id: u64,
-    /// Takeovers of the segment before this publisher's start.
+    /// Takeovers before this publisher's start, and times that the segment was made anew.
     pub epoch: u32,
     /// Its process; 0 if the segment has no extension.
     pub pid: u32,

@@ -76,7 +76,8 @@ pub struct Info {
     pub content: ContentTag,
     /// Takeovers so far.
     pub epoch: u32,
-    /// Random number of this very segment; 0 if it has no extension.
+    /// Random number of this sequence of messages, which goes on where a living publisher makes its file anew; 0 if it has no
+    /// extension.
     pub instance_id: u64,
     /// Process of the publisher.
     pub writer_pid: u32,

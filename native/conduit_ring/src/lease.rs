@@ -12,10 +12,11 @@ use crate::segment::Mapping;
 
 /// A message that stays what it is until the lease is dropped: not copied, but held in its slot.
 ///
-/// While it is held the publisher leaves its slot alone. It does not wait: when it has gone round the ring and comes to
-/// this slot again, it drops its *new* messages ([`PublishError::SlotHeld`](crate::PublishError::SlotHeld), counted in
-/// [`Info::dropped_pinned`](crate::Info::dropped_pinned)) until the lease is gone. So hold a lease for less than
-/// `slot_count - 1` periods of the topic, or [`detach`](Lease::detach) it. A holder that is killed holds nothing any more.
+/// While it is held the publisher leaves the message alone. It neither waits nor stops: when it has gone round the ring and
+/// comes to this slot again, it passes it over, and the slot's number with it, which other subscribers count as lost
+/// ([`Info::dropped_pinned`](crate::Info::dropped_pinned)). Only when all slots are held does it drop messages
+/// ([`PublishError::SlotHeld`](crate::PublishError::SlotHeld)). So hold a lease for less than `slot_count - 1` periods of the
+/// topic, or [`detach`](Lease::detach) it. A holder that is killed holds nothing any more.
 ///
 /// A subscriber has at most three such leases at a time; they may outlive it, and go to other threads.
 ///
