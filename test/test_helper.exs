@@ -1,6 +1,7 @@
 BB.Test.Probe.setup()
 BB.Test.Brake.setup()
 BB.Test.FlakyStore.setup()
+BB.Test.Mischief.setup()
 BB.Test.Run.begin()
 
 # What a test waits for comes at once, unless the machine is busy with something else: then it may take its time.

@@ -40,6 +40,7 @@ defmodule Ganglion.Application do
   @impl Application
   def start(_type, _args) do
     Safety.Host.enter()
+    BB.Callback.Failures.create()
 
     (always() ++ simulation(configured(:simulated_buses)) ++ robot(configured(:robot)))
     |> Enum.map(&Bulkhead.child_spec/1)

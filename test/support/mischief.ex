@@ -1,0 +1,150 @@
+defmodule BB.Test.Mischief do
+  @moduledoc """
+  All that code of others can do wrong, and drivers that do it in one of their callbacks:
+
+      module = Mischief.driver(:explain, :hang)
+      Mischief.happened(module)
+
+  What is done is counted outside of every process that it may end.
+  """
+
+  @table __MODULE__
+
+  @kinds [:raise, :throw, :exit, :wrong, :hang, :kill, :mute, :huge, :linked]
+
+  # Whose end is the component's own, in the process of the component.
+  @own [
+    :init,
+    :handle_continue,
+    :handle_info,
+    :handle_cast,
+    :handle_call,
+    :handle_options,
+    :terminate
+  ]
+
+  @asked [:explain, :rate, :inhibition, :options_schema, :check]
+
+  @doc "Makes the table, once, by a process that outlives all tests."
+  def setup do
+    :ets.new(@table, [:named_table, :public])
+    :persistent_term.put({@table, :log}, :logger.get_handler_ids())
+  end
+
+  @doc "Whether the log still works: Erlang's logger takes a handler away that fails."
+  def log_works?, do: :persistent_term.get({@table, :log}) -- :logger.get_handler_ids() == []
+
+  @doc "What can go wrong in any callback."
+  def kinds, do: @kinds
+
+  @doc "The callbacks of drivers that `driver/2` can make."
+  def callbacks, do: @asked ++ @own ++ [:disarm]
+
+  @doc "How often the mischief of a module has happened."
+  def happened(module), do: :ets.update_counter(@table, module, 0, {module, 0})
+
+  @doc "Does it, for a module."
+  def perform(module, kind) do
+    :ets.update_counter(@table, module, 1, {module, 0})
+    perform(kind)
+  end
+
+  defp perform(:raise), do: raise("mischief")
+  defp perform(:throw), do: throw(:mischief)
+  defp perform(:exit), do: exit(:mischief)
+  defp perform(:wrong), do: {:mischief, [:wrong]}
+  defp perform(:hang), do: Process.sleep(:infinity)
+  defp perform(:kill), do: Process.exit(self(), :kill)
+  defp perform(:mute), do: raise(__MODULE__.Mute, how: fn -> throw(:mischief) end)
+  defp perform(:huge), do: :binary.copy("mischief", 2_000_000)
+
+  defp perform(:linked) do
+    spawn_link(fn -> exit(:mischief) end)
+    Process.sleep(:infinity)
+  end
+
+  @doc """
+  A module with one callback that does mischief, and otherwise all that it takes to have it
+  called.
+  """
+  def driver(callback, kind) do
+    name = Module.concat(__MODULE__, "#{callback}_#{kind}_#{System.unique_integer([:positive])}")
+    code = [use_sensor(callback, name), quiet(callback), mischief(callback, kind)]
+    {:module, ^name, _, _} = Module.create(name, code, Macro.Env.location(__ENV__))
+    name
+  end
+
+  @doc "The callbacks of encodings that `encoding/2` can make."
+  def encoding_callbacks, do: [:content, :payload, :encode, :decode]
+
+  @doc "An encoding with one callback that does mischief; the others are right."
+  def encoding(callback, kind) do
+    name = Module.concat(__MODULE__, "#{callback}_#{kind}_#{System.unique_integer([:positive])}")
+    right = for other <- encoding_callbacks(), other != callback, do: encoding_callback(other)
+    code = [quote(do: @behaviour(BB.Handoff.Encoding)), mischief(callback, kind) | right]
+    {:module, ^name, _, _} = Module.create(name, code, Macro.Env.location(__ENV__))
+    name
+  end
+
+  defp encoding_callback(:content), do: quote(do: def(content, do: "mischief"))
+  defp encoding_callback(:payload), do: quote(do: def(payload, do: BB.Test.Counter.Count))
+  defp encoding_callback(:encode), do: quote(do: def(encode(_message), do: "count"))
+
+  defp encoding_callback(:decode),
+    do: quote(do: def(decode(_bytes), do: BB.Test.Counter.Count.new(:decoded, n: 1)))
+
+  defp use_sensor(:check, name) do
+    schema = [n: [type: {:custom, name, :check, []}, default: 1]]
+    quote do: use(BB.Sensor, options_schema: unquote(Macro.escape(schema)))
+  end
+
+  defp use_sensor(:handle_options, _name),
+    do: quote(do: use(BB.Sensor, options_schema: [n: [type: :integer, default: 1]]))
+
+  defp use_sensor(_callback, _name), do: quote(do: use(BB.Sensor))
+
+  defp quiet(:init), do: nil
+  defp quiet(:explain), do: quote(do: def(init(_opts), do: {:stop, {:absent, 1}}))
+
+  defp quiet(:handle_continue),
+    do: quote(do: def(init(opts), do: {:ok, opts[:bb], {:continue, :now}}))
+
+  defp quiet(_callback), do: quote(do: def(init(opts), do: {:ok, opts[:bb]}))
+
+  defp mischief(callback, kind) do
+    arguments = Macro.generate_arguments(arity(callback), __MODULE__)
+
+    quote do
+      def unquote(callback)(unquote_splicing(arguments)) do
+        _ = unquote(arguments)
+        BB.Test.Mischief.perform(__MODULE__, unquote(kind))
+      end
+    end
+  end
+
+  defp arity(callback) when callback in [:inhibition, :options_schema, :content, :payload], do: 0
+
+  defp arity(callback)
+       when callback in [:explain, :rate, :check, :init, :disarm, :encode, :decode],
+       do: 1
+
+  defp arity(:handle_call), do: 3
+  defp arity(_callback), do: 2
+end
+
+defmodule BB.Test.Mischief.Mute do
+  @moduledoc "An exception whose message is what `how` says, or does."
+  defexception [:how]
+
+  @impl Exception
+  def message(%{how: how}), do: how.()
+end
+
+defmodule BB.Test.Mischief.Shy do
+  @moduledoc "A struct that is shown as `how` says, or does."
+  defstruct [:how]
+end
+
+defimpl Inspect, for: BB.Test.Mischief.Shy do
+  def inspect(%{how: how}, _opts), do: how.()
+end
