@@ -163,7 +163,8 @@ defmodule BB.Loop do
     Telemetry.emit(
       [:bb, :loop, :tick],
       %{dt_ns: dt_ns, late_ns: late_ns, skipped: skipped},
-      %{robot: loop.bb.robot, path: loop.bb.path}
+      %{robot: loop.bb.robot, path: loop.bb.path},
+      apart: true
     )
   end
 

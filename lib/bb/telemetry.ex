@@ -10,14 +10,20 @@ defmodule BB.Telemetry do
 
       def tick(_event, %{skipped: skipped}, metadata, _config) when skipped > 0, do: …
 
-  A handler that raises is detached, and an error is logged: a measurement never breaks what it measures. Captures of named
-  functions are faster than anonymous ones.
+  A handler that fails is detached, and an error is logged: a measurement never breaks what it
+  measures. Captures of named functions are faster than anonymous ones.
+
+  The events of the robot's own parts (`apart: true`) have handlers called in processes of their
+  own (`BB.Callback`), while the emitting process waits: one that hangs, or kills its process,
+  costs it a second, once. What a handler needs of the emitting process is in the metadata.
 
   Events are also handed on to `:telemetry` when that library is loaded, so that a dashboard made for it sees them. An event
   that nobody handles costs a look-up.
   """
 
   require Logger
+
+  alias BB.Callback
 
   @type event :: [atom()]
   @type measurements :: map()
@@ -27,6 +33,7 @@ defmodule BB.Telemetry do
   @type handler :: (event(), measurements(), metadata(), config() -> any())
 
   @index {__MODULE__, :index}
+  @turn :"BB.Telemetry turn"
 
   @doc """
   Calls `function` with the event, its measurements, its metadata and `config`, each time that the event is emitted.
@@ -72,11 +79,18 @@ defmodule BB.Telemetry do
     end)
   end
 
-  @doc "Emits an event: calls its handlers, one after the other, in the calling process."
-  @spec emit(event(), measurements(), metadata()) :: :ok
-  def emit(event, measurements, metadata \\ %{}) when is_map(measurements) and is_map(metadata) do
-    for handler <- handlers(event), do: call(handler, event, measurements, metadata)
-    hand_on(event, measurements, metadata)
+  @doc """
+  Emits an event: calls its handlers, one after the other, in the calling process.
+
+  With `apart: true` each is called in a process of its own and has a second for it: for processes
+  on which others depend.
+  """
+  @spec emit(event(), measurements(), metadata(), apart: boolean()) :: :ok
+  def emit(event, measurements, metadata \\ %{}, opts \\ [])
+      when is_map(measurements) and is_map(metadata) do
+    call = if opts[:apart], do: &call_apart/2, else: &call/2
+    for handler <- handlers(event), do: call.(handler, [event, measurements, metadata])
+    hand_on([event, measurements, metadata], opts[:apart])
   end
 
   @doc """
@@ -86,21 +100,24 @@ defmodule BB.Telemetry do
   events are `prefix ++ [:start]` with `monotonic_time` and `system_time`, and `prefix ++ [:stop]`, or `prefix ++ [:exception]`
   when the function raises, throws or exits, with `duration` and `monotonic_time`, all in native units. The metadata of all of
   them has a `telemetry_span_context`, the same for one call; an exception's has `kind`, `reason` and `stacktrace`.
+  Options are those of `emit/4`.
   """
   @spec span(
           event(),
           metadata(),
-          (() -> {result, metadata()} | {result, measurements(), metadata()})
+          (() -> {result, metadata()} | {result, measurements(), metadata()}),
+          apart: boolean()
         ) :: result
         when result: var
-  def span(prefix, metadata, function) when is_function(function, 0) do
+  def span(prefix, metadata, function, opts \\ []) when is_function(function, 0) do
     start = System.monotonic_time()
     metadata = Map.put_new(metadata, :telemetry_span_context, make_ref())
 
     emit(
       prefix ++ [:start],
       %{monotonic_time: start, system_time: System.system_time()},
-      metadata
+      metadata,
+      opts
     )
 
     try do
@@ -108,17 +125,18 @@ defmodule BB.Telemetry do
     catch
       kind, reason ->
         error = %{kind: kind, reason: reason, stacktrace: __STACKTRACE__}
-        emit(prefix ++ [:exception], since(start), Map.merge(metadata, error))
+        emit(prefix ++ [:exception], since(start), Map.merge(metadata, error), opts)
         :erlang.raise(kind, reason, __STACKTRACE__)
     else
-      {result, stop_metadata} -> stop(prefix, start, %{}, metadata, stop_metadata, result)
-      {result, more, stop_metadata} -> stop(prefix, start, more, metadata, stop_metadata, result)
+      {result, stop} -> stop(prefix, start, %{}, metadata, stop, opts, result)
+      {result, more, stop} -> stop(prefix, start, more, metadata, stop, opts, result)
     end
   end
 
-  defp stop(prefix, start, more, metadata, stop_metadata, result) do
+  defp stop(prefix, start, more, metadata, stop_metadata, opts, result) do
+    measurements = Map.merge(more, since(start))
     context = Map.take(metadata, [:telemetry_span_context])
-    emit(prefix ++ [:stop], Map.merge(more, since(start)), Map.merge(context, stop_metadata))
+    emit(prefix ++ [:stop], measurements, Map.merge(context, stop_metadata), opts)
     result
   end
 
@@ -127,36 +145,77 @@ defmodule BB.Telemetry do
     %{duration: now - start, monotonic_time: now}
   end
 
-  defp call({id, function, config}, event, measurements, metadata) do
-    function.(event, measurements, metadata, config)
-  catch
-    kind, reason ->
-      _ = detach(id)
+  # In the emitting process
 
-      Logger.error(
-        "The telemetry handler #{inspect(id)} failed at #{inspect(event)} and is detached: " <>
-          Exception.format(kind, reason, __STACKTRACE__)
-      )
+  defp call({id, function, config}, [event | _] = arguments) do
+    apply(function, arguments ++ [config])
+  catch
+    kind, reason -> dismiss(id, event, Exception.format(kind, reason, __STACKTRACE__))
   end
 
-  # Called by name, because the library need not be there; a captured function is not looked up by the compiler.
-  defp hand_on(event, measurements, metadata) do
-    if :erlang.function_exported(:telemetry, :execute, 3),
-      do: Function.capture(:telemetry, :execute, 3).(event, measurements, metadata)
+  # In a process of the call
 
+  defp call_apart({id, function, config}, [event | _] = arguments) do
+    call = {:erlang, :apply, [function, arguments ++ [config]]}
+
+    with {:error, failure} <- Callback.call(call, accept: &done/1, remember: false, quiet: true),
+         do: dismiss(id, event, "it " <> Callback.words(failure))
+  end
+
+  defp done(_whatever), do: {:ok, :done}
+
+  defp dismiss(id, event, why) do
+    with :ok <- detach(id) do
+      Logger.error(
+        "The telemetry handler #{inspect(id)} failed at #{inspect(event)} and is detached: #{why}"
+      )
+    end
+  end
+
+  # Called by name, because the library need not be there.
+  defp hand_on(arguments, apart?) do
+    if :erlang.function_exported(:telemetry, :execute, 3), do: execute(arguments, apart?)
     :ok
   end
+
+  defp execute(arguments, true) do
+    Callback.call({:telemetry, :execute, arguments},
+      accept: &done/1,
+      instead: "some of its handlers have not got the event"
+    )
+  end
+
+  defp execute(arguments, _here), do: apply(:telemetry, :execute, arguments)
 
   defp handlers(event), do: :persistent_term.get({__MODULE__, event}, [])
 
   defp put(event, []), do: :persistent_term.erase({__MODULE__, event})
   defp put(event, handlers), do: :persistent_term.put({__MODULE__, event}, handlers)
 
-  # One change at a time: handlers come and go seldom, and reading them takes no lock.
+  # One change at a time: handlers come and go seldom, and reading them takes no lock. Who has the
+  # name makes its change; the others wait for its end, so that no crash and no delay keeps it.
   defp changing(change) do
-    :global.trans({__MODULE__, self()}, fn -> change.(:persistent_term.get(@index, %{})) end, [
-      node()
-    ])
+    {_pid, monitor} = spawn_monitor(fn -> exit({__MODULE__, change(change)}) end)
+
+    receive do
+      {:DOWN, ^monitor, :process, _pid, {__MODULE__, result}} -> result
+      {:DOWN, ^monitor, :process, _pid, reason} -> exit(reason)
+    end
+  end
+
+  defp change(change) do
+    if first?(), do: change.(:persistent_term.get(@index, %{})), else: change_after(change)
+  end
+
+  defp change_after(change) do
+    monitor = Process.monitor(@turn)
+    receive do: ({:DOWN, ^monitor, :process, _holder, _reason} -> change(change))
+  end
+
+  defp first? do
+    Process.register(self(), @turn)
+  rescue
+    ArgumentError -> false
   end
 
   defp check_event!([_ | _] = event) do

@@ -90,7 +90,7 @@ defmodule BB.TelemetryTest do
   test "many processes may attach at once", %{event: event, id: id} do
     test = self()
 
-    1..20
+    1..200
     |> Enum.map(
       &Task.async(fn ->
         Telemetry.attach({id, &1}, event, fn _, _, _, _ -> send(test, &1) end, nil)
@@ -99,8 +99,49 @@ defmodule BB.TelemetryTest do
     |> Task.await_many(:infinity)
 
     Telemetry.emit(event, %{})
-    for n <- 1..20, do: assert_received(^n)
-    for n <- 1..20, do: Telemetry.detach({id, n})
+    for n <- 1..200, do: assert_received(^n)
+    for n <- 1..200, do: Telemetry.detach({id, n})
+  end
+
+  describe "an event of one of the robot's own parts" do
+    test "has its handlers called elsewhere, one after the other, before it returns", context do
+      %{event: event, id: id} = context
+      test = self()
+      handler = fn _, _, _, n -> send(test, {n, self()}) end
+      for n <- 1..3, do: :ok = Telemetry.attach({id, n}, event, handler, n)
+      on_exit(fn -> for n <- 1..3, do: Telemetry.detach({id, n}) end)
+      assert Telemetry.emit(event, %{}, %{}, apart: true) == :ok
+      assert_received {1, one}
+      assert_received {2, two}
+      assert_received {3, three}
+      assert length(Enum.uniq([one, two, three, test])) == 4
+      assert {:messages, []} = Process.info(self(), :messages)
+    end
+
+    test "detaches a handler that hangs or kills its process, and says so once", context do
+      %{event: event, id: id} = context
+
+      for {hurt, n} <- Enum.with_index([&hang/0, fn -> Process.exit(self(), :kill) end]) do
+        name = {id, n, :failing}
+        :ok = Telemetry.attach(name, event, fn _, _, _, _ -> hurt.() end, nil)
+        attach({id, n}, event)
+
+        log =
+          capture_log(fn ->
+            1..10
+            |> Enum.map(fn _ ->
+              Task.async(fn -> Telemetry.emit(event, %{}, %{}, apart: true) end)
+            end)
+            |> Task.await_many(60_000)
+          end)
+
+        assert [_, _] = String.split(log, "The telemetry handler #{inspect(name)} failed")
+        assert_received {^event, _, _}
+        assert Telemetry.detach(name) == {:error, :not_found}
+      end
+    end
+
+    defp hang, do: Process.sleep(:infinity)
   end
 
   test "events are handed on to :telemetry when that module is loaded", %{event: event} do

@@ -12,7 +12,8 @@ defmodule BB.Safety.Announcer do
   def transition(%{robot: robot, state: from}, %{state: to, epoch: epoch}) do
     publish(robot, from, to)
     metadata = %{robot: robot, from: from, to: to, epoch: epoch}
-    Telemetry.emit([:bb, :safety, :transition], %{system_time: System.system_time()}, metadata)
+    measurements = %{system_time: System.system_time()}
+    Telemetry.emit([:bb, :safety, :transition], measurements, metadata, apart: true)
   end
 
   @doc "Tells that a disarming began."
@@ -23,7 +24,8 @@ defmodule BB.Safety.Announcer do
     Telemetry.emit(
       [:bb, :safety, :disarm, :start],
       %{monotonic_time: round.started, system_time: System.system_time()},
-      metadata(robot, round)
+      metadata(robot, round),
+      apart: true
     )
   end
 
@@ -39,7 +41,8 @@ defmodule BB.Safety.Announcer do
     Telemetry.emit(
       [:bb, :safety, :disarm, :stop],
       %{duration: now - round.started, monotonic_time: now},
-      metadata
+      metadata,
+      apart: true
     )
   end
 
