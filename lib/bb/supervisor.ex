@@ -19,7 +19,8 @@ defmodule BB.Supervisor do
 
   use Supervisor
 
-  alias BB.Component.Resolution
+  alias BB.Callback
+  alias BB.Component.{Checked, Resolution}
   alias BB.Options.ValidationError
   alias BB.Parameter.Startup
   alias BB.Process.Successor
@@ -74,6 +75,9 @@ defmodule BB.Supervisor do
   def format_error(error) when is_exception(error), do: Exception.message(error)
   def format_error(reason), do: Exception.format_exit(reason)
 
+  # It stands in a table for as long as the component forbids arming, and is shown to who tries.
+  @largest_reason 65_536
+
   @impl Supervisor
   def init({robot, given}) do
     _ = inhibit(robot)
@@ -94,22 +98,39 @@ defmodule BB.Supervisor do
   defp inhibit(robot) do
     for %{module: module, path: path} <- robot.robot().components,
         Code.ensure_loaded?(module) and function_exported?(module, :inhibition, 0),
-        do: BB.Safety.inhibit(robot, path, module.inhibition())
+        do: BB.Safety.inhibit(robot, path, inhibition(module))
   end
+
+  # One that cannot say why the robot may not be armed does not say that it may.
+  defp inhibition(module) do
+    opts = [
+      accept: &small/1,
+      expected: "a reason of #{@largest_reason} bytes at most",
+      instead: "the robot may not be armed until the component allows it"
+    ]
+
+    case Callback.call({module, :inhibition, []}, opts) do
+      {:ok, reason} -> reason
+      {:error, failure} -> {:inhibition_failed, Callback.words(failure)}
+    end
+  end
+
+  defp small(reason),
+    do: if(:erlang.external_size(reason) <= @largest_reason, do: {:ok, reason}, else: :error)
 
   defp values(definitions, given),
     do: definitions |> Map.new(&{&1.path, &1.default}) |> Map.merge(given)
 
-  defp check([], _robot, _values), do: :ok
-
-  defp check([component | rest], robot, values) do
-    resolution = Resolution.of(robot, component)
-
-    # A parameter without a default may have a persisted value.
-    known? = Enum.all?(Resolution.paths(resolution), &(values[&1] != nil))
-
-    with {:ok, _options} <-
-           if(known?, do: Resolution.options(resolution, values), else: {:ok, []}),
-         do: check(rest, robot, values)
+  # What a component's own check cannot tell is that component's trouble: it shows at its start.
+  defp check(components, robot, values) do
+    components
+    |> Enum.map(&{Resolution.of(robot, &1), values})
+    |> Enum.filter(&known?/1)
+    |> Checked.options()
+    |> Enum.find(:ok, &match?({:error, %ValidationError{}}, &1))
   end
+
+  # A parameter without a default may have a persisted value.
+  defp known?({resolution, values}),
+    do: Enum.all?(Resolution.paths(resolution), &(values[&1] != nil))
 end

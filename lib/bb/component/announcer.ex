@@ -6,7 +6,7 @@ defmodule BB.Component.Announcer do
   require Logger
 
   alias BB.{Component, Message, PubSub}
-  alias BB.Component.{Condition, Reason}
+  alias BB.Component.Condition
   alias BB.Message.Sensor.Status
 
   @doc "Tells that a component went from one condition to another."
@@ -56,7 +56,8 @@ defmodule BB.Component.Announcer do
     BB.Telemetry.emit(
       [:bb, component.kind.component_kind(), :status],
       %{restarts: condition.restarts},
-      metadata
+      metadata,
+      apart: true
     )
   end
 
@@ -65,16 +66,15 @@ defmodule BB.Component.Announcer do
   end
 
   defp log(robot, component, _old, %{state: :backoff} = condition) do
-    Logger.warning(
-      "#{title(robot, component)} is down and will be started again until it is up: #{Reason.words(condition.reason, component.module)}"
-    )
+    Logger.warning([
+      title(robot, component),
+      " is down and will be started again until it is up: ",
+      condition.error
+    ])
   end
 
   defp log(robot, component, _old, %{state: :stale} = condition),
-    do:
-      Logger.warning(
-        "#{title(robot, component)} is silent: #{Reason.words(condition.reason, component.module)}"
-      )
+    do: Logger.warning("#{title(robot, component)} is silent: #{condition.error}")
 
   defp log(robot, component, _old, %{state: :ignored}),
     do: Logger.info("#{title(robot, component)} is off: its init returned :ignore")

@@ -22,6 +22,7 @@ defmodule BB.Component.Condition do
     :up_since_ns,
     :reason,
     :last_error,
+    :error,
     :retry_in_ms,
     state: :starting,
     restarts: 0,
@@ -36,6 +37,7 @@ defmodule BB.Component.Condition do
           up_since_ns: integer() | nil,
           reason: term(),
           last_error: term(),
+          error: String.t() | nil,
           retry_in_ms: pos_integer() | nil,
           state: state(),
           restarts: non_neg_integer(),
@@ -84,6 +86,16 @@ defmodule BB.Component.Condition do
       do: enter(condition, :up, nil, now_ns)
 
   def heard(condition, _now_ns), do: condition
+
+  @doc "The words for its last error, `words.(last_error)`, which is asked once for each error."
+  @spec explain(t(), t(), (term() -> String.t())) :: t()
+  def explain(_old, %{last_error: nil} = condition, _words), do: condition
+
+  def explain(%{last_error: error, error: words}, %{last_error: error} = condition, _words)
+      when is_binary(words),
+      do: %{condition | error: words}
+
+  def explain(_old, condition, words), do: %{condition | error: words.(condition.last_error)}
 
   @doc "Whether the second differs from the first in a way that the world should hear about."
   @spec news?(t(), t()) :: boolean()

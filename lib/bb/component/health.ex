@@ -1,11 +1,13 @@
 defmodule BB.Component.Health do
   @moduledoc """
   How a robot's components fare, for anyone to look up. Each keeper holds a row of its own in the robot's registry, so
-  nobody waits for anybody.
+  nobody waits for anybody. A component's module is asked for its words once for each error, by
+  its keeper, and for its rate once for each set of options; one that does not answer is not
+  waited for again.
   """
 
   alias BB.Component
-  alias BB.Component.{Condition, Pace, Reason}
+  alias BB.Component.{Condition, Pace}
 
   @typedoc """
   One component:
@@ -40,18 +42,11 @@ defmodule BB.Component.Health do
   def list(robot, kind) do
     registry = started!(robot)
     module = BB.Process.registry_module(robot)
-    heard = Pace.heard(robot)
+    components = for %{kind: ^kind} = component <- robot.robot().components, do: component
 
-    for %{kind: ^kind} = component <- robot.robot().components do
-      module
-      |> row(registry, component)
-      |> put_error()
-      |> Map.merge(Pace.of(robot, component, heard))
-    end
+    for {component, pace} <- Enum.zip(components, Pace.of(robot, components)),
+        do: module |> row(registry, component) |> Map.merge(pace)
   end
-
-  defp put_error(%{last_error: nil} = row), do: Map.put(row, :error, nil)
-  defp put_error(row), do: Map.put(row, :error, Reason.words(row.last_error, row.module))
 
   @doc """
   Enters a keeper's row, for as long as the calling process lives. `{:error, pid}` while a keeper that was killed has not ended yet.
@@ -115,6 +110,7 @@ defmodule BB.Component.Health do
       restarts: condition.restarts,
       reason: condition.reason,
       last_error: condition.last_error,
+      error: condition.error,
       retry_in_ms: condition.retry_in_ms,
       since: condition.since_ns
     }

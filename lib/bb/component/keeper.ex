@@ -19,7 +19,7 @@ defmodule BB.Component.Keeper do
   use GenServer
 
   alias BB.Component
-  alias BB.Component.{Announcer, Condition, Health, Hearing, Pulse, Server}
+  alias BB.Component.{Announcer, Condition, Farewell, Health, Hearing, Pulse, Reason, Server}
 
   @init_timeout_ms 5_000
   @attach_ms 10
@@ -181,7 +181,7 @@ defmodule BB.Component.Keeper do
     do: become(keeper, Condition.ignored(keeper.condition, now_ns()))
 
   defp ended(%{stopping?: true} = keeper, reason), do: down(keeper, :absent, reason)
-  defp ended(keeper, reason), do: down(keeper, :crash, reason)
+  defp ended(keeper, reason), do: down(keeper, :crash, Reason.received(reason))
 
   defp down(keeper, cause, reason) do
     condition = Condition.down(keeper.condition, cause, reason, now_ns())
@@ -202,10 +202,13 @@ defmodule BB.Component.Keeper do
     end
   end
 
-  defp stop_server(%{server: pid, pulse: pulse}) do
-    GenServer.stop(pid, :shutdown, Pulse.shutdown_ms(pulse))
+  defp stop_server(%{server: pid, pulse: pulse} = keeper) do
+    limit_ms = Farewell.limit_ms(keeper.robot, Pulse.shutdown_ms(pulse))
+    GenServer.stop(pid, :shutdown, limit_ms)
   catch
-    :exit, _reason -> kill(pid)
+    :exit, reason ->
+      Farewell.ended(keeper.robot, reason)
+      kill(pid)
   end
 
   defp kill(pid) do
@@ -282,6 +285,7 @@ defmodule BB.Component.Keeper do
 
   defp become(keeper, condition) do
     old = keeper.condition
+    condition = Condition.explain(old, condition, &Reason.words(&1, keeper.component.module))
     keeper = %{keeper | condition: condition}
     Health.put(keeper.robot, keeper.component, condition, keeper.server)
 

@@ -1,14 +1,15 @@
 defmodule BB.Component.Pace do
   @moduledoc """
-  How often a component publishes on its path, and how often it says that it does.
+  How often components publish on their paths, and how often they say that they do.
   """
 
-  alias BB.{Component, Parameter, PubSub}
-  alias BB.Component.Resolution
+  alias BB.{Component, PubSub}
+  alias BB.Component.Declared
 
   @typedoc """
-  Messages a second as measured over the last sixteen (`nil` before the first) and as declared (`c:BB.Sensor.rate/1`, `nil` where it declares none), and how old the
-  last message is, in nanoseconds.
+  Messages a second as measured over the last sixteen (`nil` before the first) and as declared
+  (`c:BB.Sensor.rate/1`, `nil` where it declares none), and how old the last message is, in
+  nanoseconds.
   """
   @type t :: %{
           rate_hz: float() | nil,
@@ -16,22 +17,27 @@ defmodule BB.Component.Pace do
           age_ns: integer() | nil
         }
 
-  @doc "What was published, for `of/3`."
-  @spec heard(module()) :: %{[atom()] => [map()]}
-  def heard(robot) do
+  @doc """
+  The paces of components of a robot, in their order. Several types of messages on a path count
+  together.
+  """
+  @spec of(module(), [Component.t()]) :: [t()]
+  def of(robot, components) do
+    heard = heard(robot)
+
+    for {component, declared_hz} <- Enum.zip(components, Declared.rates(robot, components)) do
+      heard
+      |> Map.get(Component.data_path(component), [])
+      |> measured()
+      |> Map.put(:declared_hz, declared_hz)
+    end
+  end
+
+  defp heard(robot) do
     Enum.group_by(PubSub.topics(robot), & &1.path)
   rescue
     # The pubsub is being restarted, and has heard nothing.
     ArgumentError -> %{}
-  end
-
-  @doc "The pace of a component. Several types of messages on its path count together."
-  @spec of(module(), Component.t(), %{[atom()] => [map()]}) :: t()
-  def of(robot, component, heard) do
-    heard
-    |> Map.get(Component.data_path(component), [])
-    |> measured()
-    |> Map.put(:declared_hz, declared_hz(robot, component))
   end
 
   defp measured([]), do: %{rate_hz: nil, age_ns: nil}
@@ -41,20 +47,5 @@ defmodule BB.Component.Pace do
       rate_hz: topics |> Enum.map(& &1.rate_hz) |> Enum.sum(),
       age_ns: topics |> Enum.map(& &1.age_ns) |> Enum.min()
     }
-  end
-
-  # As its options are now, with what the parameters are.
-  defp declared_hz(robot, %{module: module} = component) do
-    if Code.ensure_loaded?(module) and function_exported?(module, :rate, 1) do
-      resolution = Resolution.of(robot, component)
-      values = Map.new(Resolution.paths(resolution), &{&1, Parameter.get!(robot, &1)})
-
-      with {:ok, options} <- Resolution.options(resolution, values),
-           do: module.rate(options),
-           else: (_refused -> nil)
-    end
-  rescue
-    # The parameters are being restarted.
-    ArgumentError -> nil
   end
 end

@@ -68,6 +68,10 @@ defmodule BB.Component.Pulse do
     if heard_ns != @never, do: heard_ns
   end
 
+  @doc "How long `terminate/2` may take of a component that has not said it."
+  @spec default_shutdown_ms() :: pos_integer()
+  def default_shutdown_ms, do: @shutdown_ms
+
   @doc "How long `terminate/2` may take."
   @spec shutdown_ms(t()) :: non_neg_integer()
   def shutdown_ms(pulse), do: :atomics.get(pulse, @shutdown)

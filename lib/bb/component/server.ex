@@ -28,7 +28,8 @@ defmodule BB.Component.Server do
 
   use GenServer
 
-  alias BB.Component.{Pulse, Resolution}
+  alias BB.Callback
+  alias BB.Component.{Checked, Pulse, Resolution}
 
   @enforce_keys [:module, :kind, :bb, :resolution]
   defstruct [
@@ -100,15 +101,15 @@ defmodule BB.Component.Server do
   end
 
   def handle_continue(argument, server),
-    do: settle(server, server.module.handle_continue(argument, server.user_state))
+    do: settle(server, run(server, :handle_continue, [argument, server.user_state]))
 
   @impl GenServer
   def handle_call(request, from, server),
-    do: settle(server, server.module.handle_call(request, from, server.user_state))
+    do: settle(server, run(server, :handle_call, [request, from, server.user_state]))
 
   @impl GenServer
   def handle_cast(request, server),
-    do: settle(server, server.module.handle_cast(request, server.user_state))
+    do: settle(server, run(server, :handle_cast, [request, server.user_state]))
 
   @impl GenServer
   def handle_info({:EXIT, _pid, reason}, %{guarded?: true} = server) do
@@ -123,11 +124,11 @@ defmodule BB.Component.Server do
     do: {:stop, {:shutdown, {__MODULE__, {:absent, :parameters_restart}}}, server}
 
   def handle_info(message, server),
-    do: settle(server, server.module.handle_info(message, server.user_state))
+    do: settle(server, run(server, :handle_info, [message, server.user_state]))
 
   @impl GenServer
   def terminate(reason, %{ready?: true} = server),
-    do: server.module.terminate(reason, server.user_state)
+    do: run(server, :terminate, [reason, server.user_state])
 
   def terminate(_reason, _server), do: :ok
 
@@ -135,13 +136,15 @@ defmodule BB.Component.Server do
 
   defp start(server) do
     with {:ok, server} <- watch(server),
-         {:ok, options} <- Resolution.options(server.resolution, server.values) do
+         {:ok, options} <- check(server) do
       server = %{server | options: options}
       server |> run_init() |> started(server)
     else
       {:error, error} -> {:stop, error}
     end
   end
+
+  defp check(server), do: [{server.resolution, server.values}] |> Checked.options() |> hd()
 
   # The values are those of the moment from which on it hears of changes.
   defp watch(server) do
@@ -158,9 +161,8 @@ defmodule BB.Component.Server do
     metadata = %{robot: bb.robot, path: bb.path, module: module}
     enlist(server)
 
-    BB.Telemetry.span([:bb, kind.component_kind(), :init], metadata, fn ->
-      {module.init(options), metadata}
-    end)
+    init = fn -> {run(server, :init, [options]), metadata} end
+    BB.Telemetry.span([:bb, kind.component_kind(), :init], metadata, init, apart: true)
   end
 
   # Before its callbacks have the options, so that the hardware never moves without a handler that stops it.
@@ -176,10 +178,10 @@ defmodule BB.Component.Server do
     {:ok, wake_after(server, next), next}
   end
 
-  defp started({:stop, reason}, _server), do: {:stop, reason}
-  defp started({:error, reason}, _server), do: {:stop, reason}
+  defp started({:stop, reason}, _server), do: {:stop, Callback.showable(reason)}
+  defp started({:error, reason}, _server), do: {:stop, Callback.showable(reason)}
   defp started(:ignore, _server), do: :ignore
-  defp started(other, _server), do: exit({:bad_return_value, other})
+  defp started(other, _server), do: exit({:bad_return_value, Callback.showable(other)})
 
   # Without a keeper, exits are trapped for the sake of terminate/2, unless the callback module traps them for itself.
   defp ready(server, state) do
@@ -190,7 +192,7 @@ defmodule BB.Component.Server do
   # New values of parameters
 
   defp take_on(%{options: options} = server) do
-    case Resolution.options(server.resolution, server.values) do
+    case check(server) do
       {:ok, ^options} -> resume(server)
       {:ok, options} -> taken_on(%{server | options: options})
       {:error, error} -> {:stop, error, report(server, {:stopping, error})}
@@ -200,11 +202,18 @@ defmodule BB.Component.Server do
   defp taken_on(server) do
     enlist(server)
 
-    case server.module.handle_options(server.options, server.user_state) do
+    case run(server, :handle_options, [server.options, server.user_state]) do
       {:ok, state} -> resume(%{server | user_state: state})
-      {:stop, reason} -> {:stop, reason, report(server, {:stopping, reason})}
-      other -> {:stop, {:bad_return_value, other}, server}
+      {:stop, reason} -> settle(server, {:stop, reason, server.user_state})
+      other -> {:stop, {:bad_return_value, Callback.showable(other)}, server}
     end
+  end
+
+  # What ends the process is shown by the log of the whole machine, which must be able to.
+  defp run(server, callback, arguments) do
+    apply(server.module, callback, arguments)
+  catch
+    kind, reason -> :erlang.raise(kind, Callback.showable(reason), __STACKTRACE__)
   end
 
   # What a callback returned, with the user's state put into the server's.
@@ -216,13 +225,17 @@ defmodule BB.Component.Server do
   defp settle(server, {:reply, reply, state, next}),
     do: {:reply, reply, keep(server, state, next), next}
 
-  defp settle(server, {:stop, reason, state}),
-    do: {:stop, reason, server |> report({:stopping, reason}) |> keep(state)}
+  defp settle(server, {:stop, reason, state}) do
+    reason = Callback.showable(reason)
+    {:stop, reason, server |> report({:stopping, reason}) |> keep(state)}
+  end
 
-  defp settle(server, {:stop, reason, reply, state}),
-    do: {:stop, reason, reply, server |> report({:stopping, reason}) |> keep(state)}
+  defp settle(server, {:stop, reason, reply, state}) do
+    reason = Callback.showable(reason)
+    {:stop, reason, reply, server |> report({:stopping, reason}) |> keep(state)}
+  end
 
-  defp settle(_server, other), do: other
+  defp settle(_server, other), do: Callback.showable(other)
 
   defp keep(server, state, next \\ nil),
     do: wake_after(%{server | user_state: state}, next)

@@ -8,6 +8,7 @@ defmodule BB.Safety.Round do
   calls no handler twice.
   """
 
+  alias BB.Callback
   alias BB.Safety.Table
 
   @enforce_keys [:id, :timeout_ms, :deadline_ms, :started]
@@ -114,18 +115,19 @@ defmodule BB.Safety.Round do
   defp call(module, opts) do
     case module.disarm(opts) do
       :ok -> :ok
-      {:error, reason} -> {:error, {:returned_error, reason}}
-      other -> {:error, {:returned_error, {:bad_return_value, other}}}
+      {:error, reason} -> {:error, {:returned_error, Callback.showable(reason)}}
+      other -> {:error, {:returned_error, {:bad_return_value, Callback.showable(other)}}}
     end
   catch
     :error, reason -> {:error, {:exception, message(reason, __STACKTRACE__)}}
-    kind, reason -> {:error, {kind, reason}}
+    kind, reason -> {:error, {kind, Callback.showable(reason)}}
   end
 
   # The message of an exception is code of a user's too.
   defp message(reason, stacktrace) do
-    :error |> Exception.normalize(reason, stacktrace) |> Exception.message()
-  catch
-    _kind, _reason -> inspect(reason)
+    :error
+    |> Exception.normalize(reason, stacktrace)
+    |> Callback.showable()
+    |> Exception.message()
   end
 end

@@ -171,7 +171,7 @@ defmodule BB.Firmware.Guard.Checks do
   defp standing(check, row, _checks), do: {:bad, check, words(row)}
 
   defp words(%{reason: nil, state: state}), do: to_string(state)
-  defp words(row), do: "#{row.state}: #{Sensor.explain(row.module, row.reason)}"
+  defp words(row), do: "#{row.state}: #{row.error}"
 
   # The bus. Subscriptions end with the robot's root.
 
