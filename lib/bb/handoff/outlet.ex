@@ -35,6 +35,9 @@ defmodule BB.Handoff.Outlet do
   It subscribes to messages of the encoding's payload and publishes each on the topic, in the order in which they come. Native processes read the
   topic without knowing the robot.
 
+  An encoding that does not return holds up its outlet alone: no more than some 4096 messages wait
+  for it, and that it misses some is logged.
+
   `BB.Handoff.stats/2` gives `%{published: n, too_large: n, held: n}`. A message longer than a slot is counted, and the first one is logged. `held`
   counts the messages that were dropped since subscribers held all slots. When somebody removes the topic's file, it is made anew and that is logged.
 
@@ -53,6 +56,8 @@ defmodule BB.Handoff.Outlet do
 
   alias BB.Ring.Publisher
 
+  @most_waiting 4_096
+
   require Logger
 
   @impl BB.Sensor
@@ -60,7 +65,9 @@ defmodule BB.Handoff.Outlet do
     %{robot: robot, path: path} = opts[:bb]
     encoding = opts[:encoding]
 
-    with {:ok, _} <- BB.subscribe(robot, opts[:from], message_types: [encoding.payload()]),
+    subscription = [message_types: [encoding.payload()], max_queue: @most_waiting]
+
+    with {:ok, _} <- BB.subscribe(robot, opts[:from], subscription),
          {:ok, publisher} <- open(opts) do
       {:ok,
        %{
@@ -69,7 +76,8 @@ defmodule BB.Handoff.Outlet do
          path: path,
          published: 0,
          too_large: 0,
-         held: 0
+         held: 0,
+         missed: 0
        }}
     else
       {:error, reason} -> {:stop, {:ring, reason}}
@@ -85,6 +93,8 @@ defmodule BB.Handoff.Outlet do
       {:error, reason} -> {:stop, {:shutdown, {:ring, reason}}, state}
     end
   end
+
+  def handle_info({:bb_missed, _path, count}, state), do: {:noreply, count_missed(state, count)}
 
   def handle_info({:bb_ring_publisher, topic, :renewed}, state) do
     Logger.warning(
@@ -122,6 +132,17 @@ defmodule BB.Handoff.Outlet do
   defp count_published(state) do
     :ok = BB.Sensor.beat()
     %{state | published: state.published + 1}
+  end
+
+  defp count_missed(%{missed: missed} = state, count) do
+    if missed == 0 do
+      Logger.warning(
+        "#{List.last(state.path)}: #{count} messages went by while it was busy with others; " <>
+          "make its encoding quicker"
+      )
+    end
+
+    %{state | missed: missed + count}
   end
 
   defp count_too_large(%{too_large: count} = state) do
