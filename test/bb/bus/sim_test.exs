@@ -15,7 +15,8 @@ defmodule BB.Bus.SimTest do
 
     @impl true
     def init(opts, now_ns) do
-      opts = Keyword.validate!(opts, last: "?", error: nil)
+      opts = Keyword.validate!(opts, last: "?", error: nil, do: nil)
+      if opts[:do], do: opts[:do].()
 
       if opts[:error],
         do: {:error, opts[:error]},
@@ -35,6 +36,13 @@ defmodule BB.Bus.SimTest do
     def read(count, _now_ns, echo) do
       {:ok, binary_part(String.duplicate(echo.last, count), 0, count), echo}
     end
+
+    # Only with an interrupt pin, which a model that cannot say what it does does not have.
+    @impl true
+    def pulses(_from_ns, _to_ns, %{last: "throw pulses"}), do: throw(:ball)
+    def pulses(_from_ns, _to_ns, %{last: "exit pulses"}), do: exit(:pulse)
+    def pulses(_from_ns, _to_ns, %{last: "wrong pulses"}), do: [:wrong]
+    def pulses(_from_ns, _to_ns, _echo), do: nil
 
     defp stamp(8, echo), do: <<echo.powered_ns::64>>
   end
@@ -483,6 +491,32 @@ defmodule BB.Bus.SimTest do
   end
 
   describe "a bug in a device's model" do
+    test "refuses it, whether it raises, throws or exits, and leaves the bus alone", context do
+      %{name: name, bus: bus} = context
+
+      for hurt <- [fn -> raise("not today") end, fn -> throw(:no) end, fn -> exit(:no) end] do
+        assert_raise RuntimeError, ~r/not today|was not made/, fn ->
+          Sim.plug(name, 0x12, {Echo, do: hurt})
+        end
+
+        :ok = Sim.unplug(name, 0x11)
+        assert I2C.read(bus, 0x10, 1) == {:ok, "?"}
+        :ok = Sim.replug(name, 0x11)
+      end
+    end
+
+    test "in what it says of its interrupt pin leaves the device and the bus alone", context do
+      %{name: name, bus: bus} = context
+
+      for text <- ["throw pulses", "exit pulses", "wrong pulses"] do
+        assert I2C.write(bus, 0x10, text) == :ok
+        assert I2C.read(bus, 0x10, byte_size(text)) == {:ok, text}
+        assert I2C.read(bus, 0x11, 1) == {:ok, "?"}
+      end
+
+      assert %{0x10 => %{broken?: false}} = Sim.devices(name)
+    end
+
     test "takes that device off the bus until it is plugged in again, and says why", %{
       name: name,
       bus: bus

@@ -38,6 +38,13 @@ defmodule BB.Bus.Sim.Slot do
     end
   rescue
     exception -> {:raise, exception}
+  catch
+    kind, reason -> {:raise, unable(module, kind, reason)}
+  end
+
+  defp unable(module, kind, reason) do
+    why = Exception.format_banner(kind, reason)
+    RuntimeError.exception("the simulated device #{inspect(module)} was not made: #{why}")
   end
 
   @doc "Powers an unplugged device up anew."
@@ -85,11 +92,20 @@ defmodule BB.Bus.Sim.Slot do
     suffer(wrong, %{slot | fault: fault}, request, timeout_ms, now_ns)
   end
 
-  @doc "The pulses of the device's interrupt pin, see `c:BB.Bus.Sim.Device.pulses/3`."
+  @doc """
+  The pulses of the device's interrupt pin, see `c:BB.Bus.Sim.Device.pulses/3`; none when its
+  model cannot say.
+  """
   @spec pulses(t(), integer(), integer()) :: map() | nil
   def pulses(%{plugged?: true, broken?: false} = slot, from_ns, to_ns) do
-    if function_exported?(slot.module, :pulses, 3),
-      do: slot.module.pulses(from_ns, to_ns, slot.state)
+    if function_exported?(slot.module, :pulses, 3) do
+      with %{line: _, times_ns: _, width_ns: _, next_ns: _} = pulses <-
+             slot.module.pulses(from_ns, to_ns, slot.state),
+           do: pulses,
+           else: (_other -> nil)
+    end
+  catch
+    _kind, _reason -> nil
   end
 
   def pulses(_slot, _from_ns, _to_ns), do: nil
@@ -157,8 +173,6 @@ defmodule BB.Bus.Sim.Slot do
       {:nak, state} -> {{:error, :i2c_nak}, %{slot | state: state}}
       {answer, state} -> {answer, %{slot | state: state, transfers: slot.transfers + 1}}
     end
-  rescue
-    exception -> broke(slot, :error, exception, __STACKTRACE__)
   catch
     kind, reason -> broke(slot, kind, reason, __STACKTRACE__)
   end

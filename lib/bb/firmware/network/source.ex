@@ -55,15 +55,17 @@ defmodule BB.Firmware.Network.Source do
   @spec state(t()) :: Connection.state()
   def state({module, handle}) do
     module.state(handle)
-  rescue
-    _error -> :unknown
   catch
-    :exit, _reason -> :unknown
+    _kind, _reason -> :unknown
   end
 
-  @doc "See `c:change/2`."
+  @doc "See `c:change/2`. `:error` also when the source cannot tell."
   @spec change(t(), term()) :: {:ok, Connection.state()} | :error
-  def change({module, handle}, message), do: module.change(handle, message)
+  def change({module, handle}, message) do
+    module.change(handle, message)
+  catch
+    _kind, _reason -> :error
+  end
 
   @doc "See `c:name/2`. What goes wrong is an error."
   @spec name(t(), String.t()) :: :ok | {:error, term()}

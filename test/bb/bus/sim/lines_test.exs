@@ -35,6 +35,10 @@ defmodule BB.Bus.Sim.LinesTest do
 
     @impl true
     def order(:break, _now_ns, _state), do: raise("broken on purpose")
+    def order(:throw, _now_ns, _state), do: throw(:on_purpose)
+    def order(:exit, _now_ns, _state), do: exit(:on_purpose)
+    def order(:wrong, _now_ns, _state), do: {:what, :is, :this}
+    def order(:stateless, _now_ns, _state), do: {:no_list, :of_effects}
     def order(:forget, _now_ns, state), do: {state, [:cancel]}
     def order(_order, _now_ns, _state), do: :error
   end
@@ -131,16 +135,20 @@ defmodule BB.Bus.Sim.LinesTest do
     end
 
     @tag capture_log: true
-    test "whose model raises lets go, and the others go on", %{chip: chip} do
+    test "whose model raises, throws, exits or is wrong lets go, and the others go on", context do
+      %{chip: chip} = context
       :ok = Lines.drive({chip, 2}, :pullup)
       :ok = Lines.plug(chip, :toggle, {Toggle, pins: [key: 1, lamp: 2]})
       :ok = Lines.plug(chip, :contact, {Contact, pins: [contact: 3]})
-      assert Lines.tell(chip, :toggle, :break) == :ok
-      assert Lines.level({chip, 2}) == 1
-      assert %{toggle: %{broken?: true}, contact: %{broken?: false}} = Lines.devices(chip)
-      assert Lines.tell(chip, :contact, :press) == :ok
-      assert Lines.replug(chip, :toggle) == :ok
-      assert Lines.level({chip, 2}) == 0
+
+      for hurt <- [:break, :throw, :exit, :wrong, :stateless] do
+        assert Lines.tell(chip, :toggle, hurt) == :ok
+        assert Lines.level({chip, 2}) == 1
+        assert %{toggle: %{broken?: true}, contact: %{broken?: false}} = Lines.devices(chip)
+        assert Lines.tell(chip, :contact, :press) == :ok
+        assert Lines.replug(chip, :toggle) == :ok
+        assert Lines.level({chip, 2}) == 0
+      end
     end
 
     test "that is wrong is refused, here", %{chip: chip} do

@@ -26,6 +26,13 @@ defmodule BB.Bus.Sim.GPIO.Part do
     {:ok, part, wire(effects, part)}
   rescue
     exception -> {:raise, exception}
+  catch
+    kind, reason -> {:raise, unable(module, kind, reason)}
+  end
+
+  defp unable(module, kind, reason) do
+    why = Exception.format_banner(kind, reason)
+    RuntimeError.exception("the simulated device #{inspect(module)} was not made: #{why}")
   end
 
   @doc "The pin at a line; `nil` when it has none there."
@@ -58,14 +65,16 @@ defmodule BB.Bus.Sim.GPIO.Part do
   end
 
   defp run(part, function, arguments) do
-    with {state, effects} <- apply(part.module, function, arguments ++ [part.state]) do
-      {%{part | state: state}, wire(effects, part)}
+    case apply(part.module, function, arguments ++ [part.state]) do
+      {state, effects} when is_list(effects) -> {%{part | state: state}, wire(effects, part)}
+      :error when function == :order -> :error
+      other -> raise "expected {state, effects} of #{function}, got: #{inspect(other)}"
     end
-  rescue
-    exception ->
+  catch
+    kind, reason ->
       Logger.error(
         "the simulated device #{inspect(part.module)} is broken until it is plugged in again: " <>
-          Exception.format(:error, exception, __STACKTRACE__)
+          Exception.format(kind, reason, __STACKTRACE__)
       )
 
       {%{part | broken?: true}, [:break]}
