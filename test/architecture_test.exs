@@ -18,7 +18,8 @@ defmodule ArchitectureTest do
     options: {~w(BB.Options.*), []},
     math: {~w(BB.Math.*), []},
     unit: {~w(BB.Unit.*), []},
-    telemetry: {~w(BB.Telemetry), []},
+    callback: {~w(BB.Callback.*), []},
+    telemetry: {~w(BB.Telemetry), [:callback]},
     errno: {~w(BB.Errno), []},
     envelope: {~w(BB.Message BB.Message.Compiler.*), [:options]},
     payload:
@@ -34,11 +35,11 @@ defmodule ArchitectureTest do
 
     # What runs and what keeps it running. The declaration is data: the robot, and its components as it declares them.
     process: {~w(BB.Process.*), []},
-    safety: {~w(BB.Safety.*), ~w(path pub_sub envelope payload telemetry)a},
+    safety: {~w(BB.Safety.*), ~w(path pub_sub envelope payload callback telemetry)a},
     declaration: {~w(BB.Component BB.Robot.*), ~w(transmission parameter unit)a},
     component:
       {~w(BB.Component.*),
-       ~w(declaration transmission parameter process pub_sub safety envelope payload options telemetry)a},
+       ~w(declaration transmission parameter process pub_sub safety envelope payload options callback telemetry)a},
 
     # The kinds of components.
     sensor:
@@ -46,7 +47,8 @@ defmodule ArchitectureTest do
        ~w(declaration component transmission parameter pub_sub envelope payload options)a},
     dsl: {~w(BB.Dsl.*), ~w(declaration transmission parameter sensor path options unit)a},
     supervisor:
-      {~w(BB.Supervisor.*), ~w(declaration component parameter safety process pub_sub options)a},
+      {~w(BB.Supervisor.*),
+       ~w(declaration component parameter safety process pub_sub options callback)a},
     facade: {~w(BB), ~w(dsl supervisor process pub_sub)a},
 
     # Drivers, and the bus as they see it. What is simulated behind it they cannot name.
@@ -79,8 +81,44 @@ defmodule ArchitectureTest do
     # Composition.
     ganglion:
       {~w(Ganglion.*),
-       ~w(firmware errno facade sensor driver native_process handoff ring bus simulation safety process parameter pub_sub path envelope payload math)a}
+       ~w(firmware errno facade sensor driver native_process handoff ring bus simulation safety process parameter pub_sub path envelope payload math callback)a}
   ]
+
+  # Who calls a function without saying of which module, and why not through BB.Callback. Functions
+  # that are values are not looked at: they are called by whom they are given to.
+  @callers [
+    {~w(BB.Callback), "is where the code of others is called"},
+
+    # In a process that only its own code can hurt: its keeper starts it again, and kills it when it
+    # does not end.
+    {~w(BB.Component.Server BB.Sensor.Polled BB.Sensor.NativeProcess BB.Handoff.Inlet
+        BB.Handoff.Outlet), "calls in the process of the component, for some at each message"},
+    {~w(BB.Safety.Round), "calls each disarm/1 in a process of its own, with a deadline"},
+
+    # In the process of who asks.
+    {~w(BB.Component.Options BB.Options.Type),
+     "checks in its caller's process; for a robot's components that is BB.Component.Checked's"},
+    {~w(BB.Telemetry), "calls in the emitting process, unless that emits apart"},
+    {~w(BB.Parameter), "asks a module for what its caller registers"},
+    {~w(BB.Message.*), "makes a payload, in its maker's process"},
+
+    # What the machine's or the robot's configuration puts in the place of ours.
+    {~w(BB.Bus.I2C.* BB.Bus.GPIO.*), "calls the bus that the configuration names"},
+    {~w(BB.Bus.Sim.*), "breaks a simulated device that fails, in the process of its bus"},
+    {~w(BB.Firmware.*), "calls the board and the network that the configuration names"},
+    {~w(BB.Parameter.*),
+     "calls the store that the robot names, in the process of the parameters"},
+    {~w(BB.Component.Health BB.Component.Declared BB.Component.Farewell BB.Process),
+     "calls the registry that the robot's settings name"},
+    {~w(BB.Supervisor.*), "calls the supervisors that the robot's settings name"},
+    {~w(BB.Dsl.*), "calls while a robot is compiled, which is all that it can hurt"},
+
+    # For tests and demonstrations.
+    {~w(BB.Sensor.Conformance.* Ganglion.Demo.*), "starts a robot of its own"}
+  ]
+
+  # Of modules that our own macros have made, or that are kinds of components.
+  @made ~w(robot module_info component_kind component_options health)a
 
   # What comes from outside, by the start of its name, and which of our modules may name it.
   @boards ~w(Nerves Shoehorn VintageNet MdnsLite Circuits)
@@ -171,6 +209,12 @@ defmodule ArchitectureTest do
         end
 
       assert namers == Enum.uniq_by(namers, &elem(&1, 0))
+    end
+
+    test "calls code of others only through BB.Callback, unless it is said why", %{
+      sources: sources
+    } do
+      assert_none(sources, &foreign_calls/1)
     end
 
     test "has the name of its file", %{sources: sources} do
@@ -281,6 +325,33 @@ defmodule ArchitectureTest do
       assert [misnamed] = judge(source, "lib/bb/sensor/other.ex", &misnamed/1)
       assert misnamed =~ "lib/bb/sensor/other.ex defines BB.Sensor.Thing"
     end
+
+    test "sees a call of who knows what, in whatever form it is made" do
+      source = """
+      defmodule BB.Sensor.Thing do
+        def words(row, reason), do: row.module.explain(reason)
+        def rate(%{module: module}, opts), do: opts |> module.rate()
+        def bare(module), do: module.inhibition
+        def all(module, list), do: Enum.map(list, &module.explain/1)
+        def one(module, list), do: Enum.map(list, &module.explain(&1))
+        def by_name(module), do: apply(module, :rate, [[]])
+        def elsewhere(module), do: spawn(module, :rate, [[]])
+        def erlang(module), do: :erlang.apply(module, :rate, [[]])
+        def kernel(module), do: Kernel.apply(module, :rate, [[]])
+        def task(module), do: Task.async(module, :rate, [[]])
+        def of_a_robot(robot), do: robot.robot().components
+        def known(row), do: {row.module, BB.Sensor.Mpu6050.rate([]), __MODULE__.rate(row.options)}
+      end
+      """
+
+      lines =
+        for sentence <- judge(source, "lib/bb/sensor/thing.ex", &foreign_calls/1) do
+          [_, line] = Regex.run(~r/^[^:]+:(\d+): /, sentence)
+          String.to_integer(line)
+        end
+
+      assert lines == Enum.to_list(2..11)
+    end
   end
 
   describe "a crate" do
@@ -390,6 +461,18 @@ defmodule ArchitectureTest do
         String.starts_with?(inspect(name), outside),
         not Enum.any?(places, &fits?(&1, module)) do
       "#{source.file}:#{line}: #{inspect(module)} names #{inspect(name)}, which belongs in #{Enum.join(places, " and ")}"
+    end
+  end
+
+  defp foreign_calls(%Source{modules: [module | _]} = source) do
+    listed? =
+      Enum.any?(@callers, fn {callers, _why} -> Enum.any?(callers, &fits?(&1, module)) end)
+
+    for {{name, text}, line} <- source.calls,
+        not listed?,
+        name not in [:fun | @made] do
+      "#{source.file}:#{line}: #{inspect(module)} calls #{text}, which may be code of others: " <>
+        "call it by BB.Callback, or say in @callers whom alone it can hurt"
     end
   end
 

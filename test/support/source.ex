@@ -11,18 +11,24 @@ defmodule BB.Test.Source do
   """
 
   @enforce_keys [:file]
-  defstruct [:file, modules: [], names: [], doctests: []]
+  defstruct [:file, modules: [], names: [], doctests: [], calls: []]
 
   @typedoc """
   `modules` are those that it defines, `names` all in it that are names of modules, with their lines and aliases written out,
-  `doctests` the modules given to `doctest`, with its options. All in the order of the source.
+  `doctests` the modules given to `doctest`, with its options, `calls` the functions that it calls
+  without saying of which module: `module.explain/1`, `fun.()`, `apply`. All in the order of the
+  source.
   """
   @type t :: %__MODULE__{
           file: Path.t(),
           modules: [module()],
           names: [{module(), line :: pos_integer()}],
-          doctests: [{module(), opts :: [Macro.t()]}]
+          doctests: [{module(), opts :: [Macro.t()]}],
+          calls: [{call(), line :: pos_integer()}]
         }
+
+  @typedoc "What is called: a function's name, `:fun` for a function that is a value, `:apply`."
+  @type call :: {atom(), text :: String.t()}
 
   @doc "Reads a file."
   @spec read!(Path.t()) :: t()
@@ -39,9 +45,56 @@ defmodule BB.Test.Source do
       file: file,
       modules: Enum.reverse(found.modules),
       names: Enum.reverse(found.names),
-      doctests: Enum.reverse(found.doctests)
+      doctests: Enum.reverse(found.doctests),
+      calls: calls(ast)
     }
   end
+
+  # Functions that take a module, a function's name and arguments, and call it, here or elsewhere.
+  @appliers [:apply, :spawn, :spawn_link, :spawn_monitor]
+  @tasks [:async, :start, :start_link]
+  @libraries [:erlang, {:__aliases__, :any, [:Kernel]}, {:__aliases__, :any, [:Task]}]
+
+  # Those without arguments that are no fields of a map.
+  @unarmed [:inhibition, :options_schema, :param_schema, :content]
+
+  defp calls(ast) do
+    {_ast, calls} = Macro.prewalk(ast, [], &{&1, called(&1) ++ &2})
+    Enum.sort_by(calls, &elem(&1, 1))
+  end
+
+  defp called({:&, meta, [{:/, _, [{{:., _, [target, name]}, _, []} = call, _arity]}]}),
+    do: unnamed(target, name, call, meta)
+
+  defp called({{:., meta, [_function]}, _, arguments} = call) when is_list(arguments),
+    do: [{{:fun, Macro.to_string(call)}, meta[:line]}]
+
+  defp called({{:., meta, [library, name]}, _, [module, _function, _arguments]} = call)
+       when name in @appliers or name in @tasks do
+    if bare(library) in @libraries, do: unnamed(module, :apply, call, meta), else: []
+  end
+
+  defp called({{:., meta, [target, name]}, call_meta, arguments} = call)
+       when is_atom(name) and is_list(arguments) do
+    field? = call_meta[:no_parens] == true and name not in @unarmed
+    if field?, do: [], else: unnamed(target, name, call, meta)
+  end
+
+  defp called({name, meta, [module, _function, _arguments]} = call) when name in @appliers,
+    do: unnamed(module, :apply, call, meta)
+
+  defp called({:apply, meta, [_function, _arguments]} = call),
+    do: [{{:apply, Macro.to_string(call)}, meta[:line]}]
+
+  defp called(_node), do: []
+
+  defp bare({:__aliases__, _, parts}), do: {:__aliases__, :any, parts}
+  defp bare(other), do: other
+
+  defp unnamed({:__aliases__, _, _}, _name, _call, _meta), do: []
+  defp unnamed({:__MODULE__, _, _}, _name, _call, _meta), do: []
+  defp unnamed(module, _name, _call, _meta) when is_atom(module), do: []
+  defp unnamed(_target, name, call, meta), do: [{{name, Macro.to_string(call)}, meta[:line]}]
 
   # A node that has been read in full becomes nil, lest its parts be read again.
 
