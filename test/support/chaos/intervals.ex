@@ -5,8 +5,7 @@ defmodule BB.Test.Chaos.Intervals do
 
   use GenServer
 
-  @tick_ms 5
-  @late_ns 3_000_000
+  alias BB.Test.Chaos.Standstills
 
   @doc "Starts to listen. `worth_ns` has for each sensor from what length on an interval is noted."
   def start_link(robot, worth_ns), do: GenServer.start_link(__MODULE__, {robot, worth_ns})
@@ -18,7 +17,7 @@ defmodule BB.Test.Chaos.Intervals do
   def init({robot, worth_ns}) do
     Process.flag(:priority, :high)
     {:ok, _} = BB.subscribe(robot, [:sensor])
-    {:ok, %{worth_ns: worth_ns, last: %{}, intervals: %{}, watchers: watchers()}}
+    {:ok, %{worth_ns: worth_ns, last: %{}, intervals: %{}, watchers: Standstills.watch()}}
   end
 
   @impl GenServer
@@ -32,25 +31,7 @@ defmodule BB.Test.Chaos.Intervals do
 
   @impl GenServer
   def handle_call(:report, _from, state) do
-    {:reply, {state.intervals, Enum.flat_map(state.watchers, &standstills/1)}, state}
-  end
-
-  # The kernel may take one scheduler's thread away while the others run on, with all the processes that wait for it.
-  defp watchers do
-    for scheduler <- 1..System.schedulers_online() do
-      :erlang.spawn_opt(fn -> watch(System.monotonic_time(:nanosecond), []) end, [
-        :link,
-        scheduler: scheduler
-      ])
-    end
-  end
-
-  defp standstills(watcher) do
-    send(watcher, {:report, self()})
-
-    receive do
-      {:standstills, standstills} -> standstills
-    end
+    {:reply, {state.intervals, Standstills.report(state.watchers)}, state}
   end
 
   defp note(state, sensor, last_ns, now_ns) do
@@ -61,21 +42,5 @@ defmodule BB.Test.Chaos.Intervals do
             Map.update(state.intervals, sensor, [{last_ns, now_ns}], &[{last_ns, now_ns} | &1])
       },
       else: state
-  end
-
-  defp watch(last_ns, standstills) do
-    receive do
-      {:report, from} ->
-        send(from, {:standstills, standstills})
-        watch(System.monotonic_time(:nanosecond), standstills)
-    after
-      @tick_ms ->
-        now_ns = System.monotonic_time(:nanosecond)
-        due_ns = last_ns + @tick_ms * 1_000_000
-
-        if now_ns - due_ns > @late_ns,
-          do: watch(now_ns, [{due_ns, now_ns} | standstills]),
-          else: watch(now_ns, standstills)
-    end
   end
 end

@@ -1,0 +1,139 @@
+defmodule BB.Test.Chaos.Core.Robots do
+  @moduledoc """
+  The robots of `bin/chaos core`: `Inside`, a child of the application, and `Outside`, which the harness supervises. Both have
+  sensors on a simulated bus, counters, a native process and its topic, a caliper that is to be disarmed, a watchdog that vouches,
+  and parameters that are kept on disk.
+  """
+
+  alias BB.Test.Chaos.Core.Watchdog
+  alias BB.Test.Run
+
+  @inside BB.Test.Chaos.Core.Inside
+  @outside BB.Test.Chaos.Core.Outside
+  @bus "i2c-chaos-core"
+  @tuned [:p1, :p2, :p3, :p4]
+
+  @doc "The robot that the application supervises."
+  def inside, do: @inside
+
+  @doc "The robot that others supervise."
+  def outside, do: @outside
+
+  @doc "Both."
+  def all, do: [@inside, @outside]
+
+  @doc "The paths of the parameters that are set, and kept."
+  def tuned, do: for(name <- @tuned, do: [:tune, name])
+
+  @doc "The simulated buses that the robots need."
+  def buses, do: %{@bus => [devices: %{0x68 => imu(), 0x69 => imu()}]}
+
+  defp imu, do: {BB.Bus.Sim.Mpu6050, source: :motion}
+
+  @doc """
+  Whether the process at a place depends on the one at another, and so ends with it, beside what the supervision tree says. It is
+  started again by its keeper, or, if it is the process of a shared bus, for the next who opens that.
+
+    * A component has its name in its robot's registry.
+    * A sensor on the bus needs the processes of the bus, and so does the one that shares the bus. These have their names in
+      registries as well.
+  """
+  @spec depends?([term()], [term()]) :: boolean()
+  def depends?(place, other) do
+    (component?(place) and registry(place) in other) or
+      (on_the_bus?(place) and Enum.any?(other, &bus?/1))
+  end
+
+  defp component?(place),
+    do: match?([name, {kind, name} | _] when kind in [:sensor, :actuator], Enum.reverse(place))
+
+  defp registry(place),
+    do: Enum.find_value(all(), &if(&1 in place, do: Module.concat(&1, Registry)))
+
+  defp on_the_bus?(place) do
+    case Enum.reverse(place) do
+      [:imu | _] -> component?(place)
+      [_server, BB.Bus.I2C.Servers | _] -> true
+      [bus, {BB.Bus.Sim, _buses} | _] -> is_binary(bus)
+      _other -> false
+    end
+  end
+
+  defp bus?(id), do: inspect(id) =~ "BB.Bus."
+
+  @doc "Makes the modules of both."
+  def define(folder) do
+    for {robot, address} <- [{@inside, 0x68}, {@outside, 0x69}],
+        do: define(robot, address, folder)
+  end
+
+  defp define(robot, address, folder) do
+    label = robot |> Module.split() |> List.last() |> String.downcase()
+    {store, file} = store()
+    path = Path.join(folder, label <> file)
+    frames = Run.unique(label <> ".frames")
+    imu = Run.unique(label <> ".imu")
+
+    code =
+      quote do
+        use BB
+
+        settings do
+          parameter_store {unquote(store), path: unquote(path)}
+        end
+
+        parameters do
+          group :tune do
+            for name <- unquote(@tuned), do: param(name, type: :integer, default: 0)
+          end
+
+          param :rate, type: :integer, default: 1
+        end
+
+        sensors do
+          sensor :count_1, BB.Test.Counter
+
+          sensor :imu_outlet, {
+            BB.Handoff.Outlet,
+            from: [:sensor, :base, :imu], topic: unquote(imu), encoding: BB.Handoff.Encoding.Imu
+          }
+        end
+
+        topology do
+          link :base do
+            sensor :imu,
+                   {BB.Sensor.Mpu6050,
+                    bus: unquote(@bus), address: unquote(address), rate: ~u(100 hertz)},
+                   max_silence: ~u(500 millisecond)
+
+            sensor :count_2, BB.Test.Counter
+
+            joint :arm do
+              type :fixed
+              actuator :caliper, {BB.Test.Caliper, force: 10}
+
+              link :hand do
+                sensor :count_3, BB.Test.Counter
+                sensor :watchdog, unquote(Watchdog)
+
+                sensor :camera,
+                       {BB.Sensor.NativeProcess,
+                        program: "camera",
+                        topics: [topic: unquote(frames)],
+                        args: ["--rate", "10", "--width", "320", "--height", "240"]}
+              end
+            end
+          end
+        end
+      end
+
+    {:module, ^robot, _, _} = Module.create(robot, code, Macro.Env.location(__ENV__))
+    robot
+  end
+
+  # The store that is recommended, where there is a newer one than DETS.
+  defp store do
+    log = Module.concat(BB.Parameter.Store, Log)
+    if Code.ensure_loaded?(log), do: {log, ".log"}, else: {BB.Parameter.Store.Dets, ".dets"}
+  end
+end

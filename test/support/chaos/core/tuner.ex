@@ -1,0 +1,92 @@
+defmodule BB.Test.Chaos.Core.Tuner do
+  @moduledoc """
+  Sets parameters all the time, one process for each, and looks before each request whether the one before is still true. What each
+  may be, and what was lost, is kept in a table of its own.
+  """
+
+  alias BB.Test.Chaos.Core.Verdict
+
+  @longest_pause_ms 10
+
+  @doc "Starts to set those parameters of those robots; the calling process owns the table, which is returned with the processes."
+  @spec start([module()], [[atom()]]) :: {:ets.tid(), [pid()]}
+  def start(robots, paths) do
+    table = :ets.new(__MODULE__, [:public])
+    {table, for(robot <- robots, path <- paths, do: start_one(table, {robot, path}))}
+  end
+
+  defp start_one(table, key) do
+    :ets.insert(table, {key, [0], 0})
+    spawn_link(fn -> tune(table, key, 1) end)
+  end
+
+  @doc "Stops the processes, each after the request that it is at."
+  @spec stop([pid()]) :: :ok
+  def stop(tuners) do
+    for tuner <- tuners do
+      ref = Process.monitor(tuner)
+      send(tuner, :stop)
+      receive do: ({:DOWN, ^ref, :process, ^tuner, _reason} -> :ok)
+    end
+
+    :ok
+  end
+
+  @doc "Looks once more at all parameters, and returns what was lost: `[{{robot, path}, value, possible}]`."
+  @spec lost(:ets.tid()) :: [{{module(), [atom()]}, term(), [term()]}]
+  def lost(table) do
+    for {key, _possible, _acknowledged} <- :ets.tab2list(table), do: check(table, key)
+
+    for {{:lost, _n}, key, value, possible} <- :ets.tab2list(table), do: {key, value, possible}
+  end
+
+  @doc "How many requests were acknowledged."
+  @spec acknowledged(:ets.tid()) :: non_neg_integer()
+  def acknowledged(table),
+    do: Enum.sum(for {_key, _possible, count} <- :ets.tab2list(table), do: count)
+
+  defp tune(table, key, value) do
+    receive do
+      :stop -> :ok
+    after
+      :rand.uniform(@longest_pause_ms) ->
+        check(table, key)
+        set(table, key, value)
+        tune(table, key, value + 1)
+    end
+  end
+
+  # Kept before it is asked for: the request may come through whatever becomes of its answer.
+  defp set(table, {robot, path} = key, value) do
+    [{_key, before, count}] = :ets.lookup(table, key)
+    :ets.insert(table, {key, Verdict.possible(before, value, :unknown), count})
+
+    if request(robot, path, value) == :ok,
+      do: :ets.insert(table, {key, Verdict.possible(before, value, :ok), count + 1})
+  end
+
+  defp request(robot, path, value) do
+    BB.Parameter.set(robot, path, value)
+  rescue
+    ArgumentError -> :not_started
+  catch
+    :exit, _gone -> :gone
+  end
+
+  defp check(table, {robot, path} = key) do
+    [{_key, possible, count}] = :ets.lookup(table, key)
+    value = value(robot, path)
+
+    if Verdict.lost?(value, possible) do
+      {:ok, value} = value
+      :ets.insert(table, {{:lost, System.unique_integer()}, key, value, possible})
+      :ets.insert(table, {key, [value], count})
+    end
+  end
+
+  defp value(robot, path) do
+    with {:error, :not_found} <- BB.Parameter.get(robot, path), do: :unknown
+  rescue
+    ArgumentError -> :unknown
+  end
+end
