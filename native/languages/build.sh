@@ -11,7 +11,10 @@ readonly TO=_build/languages
 mkdir -p "$TO"
 
 (cd native && cargo build --locked --quiet --package languages --package conduit_ring_c --target-dir ../_build/cargo)
-cp --remove-destination "_build/cargo/debug/languages" "$TO/rust"
+cp "_build/cargo/debug/languages" "$TO/rust.new"
 "${CXX:-c++}" -std=c++17 -O1 -Wall -Wextra -Werror -pthread -I native/conduit_ring_c/include native/languages/peer.cpp \
-  "_build/cargo/debug/libconduit_ring_c.a" -ldl -lm -o "$TO/cpp"
+  "_build/cargo/debug/libconduit_ring_c.a" -ldl -lm -o "$TO/cpp.new"
+# What may be running keeps its old file.
+mv "$TO/rust.new" "$TO/rust"
+mv "$TO/cpp.new" "$TO/cpp"
 native/conduit_ring_py/build.sh
