@@ -37,11 +37,13 @@ defmodule BB.Test.Chaos.Core.Robots do
     * A component has its name in its robot's registry.
     * A sensor on the bus needs the processes of the bus, and so does the one that shares the bus. These have their names in
       registries as well.
+    * A warden is there for a robot until that has ended, and another for the next.
   """
   @spec depends?([term()], [term()]) :: boolean()
   def depends?(place, other) do
     (component?(place) and registry(place) in other) or
-      (on_the_bus?(place) and Enum.any?(other, &bus?/1))
+      (on_the_bus?(place) and Enum.any?(other, &bus?/1)) or
+      (warden_of(place) != nil and warden_of(place) == List.last(other))
   end
 
   defp component?(place),
@@ -49,6 +51,9 @@ defmodule BB.Test.Chaos.Core.Robots do
 
   defp registry(place),
     do: Enum.find_value(all(), &if(&1 in place, do: Module.concat(&1, Registry)))
+
+  defp warden_of(place),
+    do: Enum.find(all(), &(List.last(place) == Module.concat(&1, Safety)))
 
   defp on_the_bus?(place) do
     case Enum.reverse(place) do
