@@ -48,6 +48,9 @@ defmodule BB.Bus.Sim do
 
   alias BB.Bus.Sim.{Fault, Server}
 
+  # A bus ends with the registry that has its name, and cannot start again before that is back, which takes a moment.
+  @restarts [max_restarts: 1_000, max_seconds: 1]
+
   @typedoc "A bus name as Linux has it, such as `\"i2c-1\"`."
   @type name :: String.t()
 
@@ -103,7 +106,7 @@ defmodule BB.Bus.Sim do
     opts
     |> buses()
     |> Enum.map(fn {name, bus} -> Supervisor.child_spec({Server, {name, bus}}, id: name) end)
-    |> Supervisor.init(strategy: :one_for_one)
+    |> Supervisor.init([strategy: :one_for_one] ++ @restarts)
   end
 
   @doc "The names of the simulated buses that run now, sorted."
