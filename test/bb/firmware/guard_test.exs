@@ -199,7 +199,7 @@ defmodule BB.Firmware.GuardTest do
     robot = slow_robot([max_silence: BB.Unit.new!(5, :second)], silent: true)
     start_supervised!(robot)
     {_, _} = guard(context, robot, hopeless([]))
-    assert_receive {Memory, :revert}, 10_000
+    assert_receive {Memory, :revert}
     assert Report.read(context.tmp_dir, :reverted) =~ "required: sensor slow: was never good"
   end
 

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-use crate::toolchain::{Language, Process, built_dir, fresh_folder, has, home, skip, succeed};
+use crate::toolchain::{
+    Language, Process, TestFolder, built_dir, fresh_folder, has, home, skip, succeed,
+};
 
 /// Installs once a run.
 fn prefix() -> &'static Path {
@@ -34,12 +36,16 @@ fn needs(program: &str) -> bool {
 
 /// The C example, publisher and subscriber.
 fn exchange(publish: &Path, subscribe: &Path, library_path: &Path) {
+    let topics = TestFolder::new();
     let start = |program: &Path| {
         let mut command = Command::new(program);
         command.env("LD_LIBRARY_PATH", library_path);
+        command.env("CONDUIT_RING_DIR", &topics.0);
         Process::start(command)
     };
     let mut subscriber = start(subscribe);
+    // What is published before it is there is not for it.
+    subscriber.await_watching();
     let mut publisher = start(publish);
     for n in 0..10 {
         publisher.expect(&format!("published message {n}"));

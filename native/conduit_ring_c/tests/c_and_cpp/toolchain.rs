@@ -305,6 +305,21 @@ impl Process {
         self.input.as_mut().unwrap().write_all(b"\n").unwrap();
     }
 
+    /// Waits until it waits for a topic that is not there.
+    pub fn await_watching(&self) {
+        let descriptors = format!("/proc/{}/fd", self.child.id());
+        let watches = || {
+            let entries = fs::read_dir(&descriptors).unwrap().flatten();
+            let mut targets = entries.filter_map(|entry| fs::read_link(entry.path()).ok());
+            targets.any(|target| target.to_string_lossy().contains("inotify"))
+        };
+        let start = Instant::now();
+        while !watches() {
+            assert!(start.elapsed() < LIMIT, "the program waits for no topic");
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
     pub fn signal(&self, signal: libc::c_int) {
         // SAFETY: a child that was not waited for yet has its number.
         assert_eq!(unsafe { libc::kill(self.child.id() as i32, signal) }, 0);
@@ -328,6 +343,23 @@ impl Drop for Process {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
+    }
+}
+
+/// A folder of ring topics for programs whose topics have fixed names.
+pub struct TestFolder(pub PathBuf);
+
+impl TestFolder {
+    pub fn new() -> TestFolder {
+        let path = Path::new("/dev/shm").join(run::unique("c"));
+        fs::create_dir(&path).unwrap();
+        TestFolder(path)
+    }
+}
+
+impl Drop for TestFolder {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
     }
 }
 
