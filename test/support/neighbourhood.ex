@@ -76,7 +76,10 @@ defmodule BB.Test.Neighbourhood do
     {:ok, root} = robot.start_link()
     Process.unlink(root)
     on_exit(fn -> if Process.alive?(root), do: Process.exit(root, :kill) end)
-    assert eventually(fn -> health(robot, :neighbour).state == :up end, @long_ms)
+
+    for name <- [:neighbour, :brake],
+        do: assert(eventually(fn -> health(robot, name).state == :up end, @long_ms))
+
     root
   end
 
