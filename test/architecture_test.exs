@@ -108,7 +108,7 @@ defmodule ArchitectureTest do
     {~w(BB.Firmware.*), "calls the board and the network that the configuration names"},
     {~w(BB.Parameter.*),
      "calls the store that the robot names, in the process of the parameters"},
-    {~w(BB.Component.Health BB.Component.Declared BB.Component.Farewell BB.Process),
+    {~w(BB.Component.Health BB.Component.Declared BB.Component.Farewell BB.Process.*),
      "calls the registry that the robot's settings name"},
     {~w(BB.Supervisor.*), "calls the supervisors that the robot's settings name"},
     {~w(BB.Dsl.*), "calls while a robot is compiled, which is all that it can hurt"},
