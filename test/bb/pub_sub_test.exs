@@ -125,6 +125,11 @@ defmodule BB.PubSubTest do
     test "is :ok when there is none", %{robot: robot} do
       assert PubSub.unsubscribe(robot, [:a]) == :ok
       assert PubSub.unsubscribe(NotStarted, [:a]) == :ok
+
+      # The bus ends after it was looked up.
+      {:ok, bus} = BB.PubSub.Bus.fetch(robot)
+      :ok = stop_supervised({PubSub, robot})
+      assert BB.PubSub.Registrar.unsubscribe(bus, self(), [:a]) == :ok
     end
   end
 

@@ -61,9 +61,13 @@ defmodule BB.PubSub.Registrar do
   @spec subscribe(Bus.t(), Subscription.t()) :: {:ok, pid()}
   def subscribe(bus, subscription), do: call(bus, {:subscribe, subscription})
 
-  @doc "Removes a process's subscriptions at a path."
+  @doc "Removes a process's subscriptions at a path. Those of a bus that has ended ended with it."
   @spec unsubscribe(Bus.t(), pid(), Path.t()) :: :ok
-  def unsubscribe(bus, pid, path), do: call(bus, {:unsubscribe, pid, path})
+  def unsubscribe(bus, pid, path) do
+    call(bus, {:unsubscribe, pid, path})
+  rescue
+    ArgumentError -> :ok
+  end
 
   @doc """
   Keeps the last messages at and below a prefix from now on; `{:error, most}` when there are as
