@@ -135,7 +135,7 @@ defmodule Ganglion.Console do
           other_rows(folder, board) ++ guard_rows(Guard.state(guard)) ++ application_rows()
 
       put(Table.render(["firmware", ""], rows))
-      if text = Report.read(folder, :reverted), do: print_report(text)
+      _ = if text = Report.read(folder, :reverted), do: print_report(text)
       print_story(Story.recent(folder, @events))
     end)
   end

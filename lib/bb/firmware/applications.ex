@@ -25,7 +25,7 @@ defmodule BB.Firmware.Applications do
   @doc "Starts the keeper. Its options are the configured ones."
   @spec init(keyword()) :: {:ok, GenServer.server()}
   def init(_opts) do
-    keeper()
+    _ = keeper()
     {:ok, Keeper}
   end
 
@@ -40,7 +40,7 @@ defmodule BB.Firmware.Applications do
   # It never asks to halt: that is no orderly end, and this module's limit of time is not
   # shoehorn's.
   defp tell(event, keeper) do
-    if keeper == Keeper, do: keeper()
+    _ = if keeper == Keeper, do: keeper()
     Keeper.tell(keeper, event)
     {:continue, keeper}
   end

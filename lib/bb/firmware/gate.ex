@@ -221,8 +221,10 @@ defmodule BB.Firmware.Gate do
   end
 
   defp note(settings) do
-    if settings.gate == :gone,
-      do: Story.tell(settings.folder, "an update was let in without the gate, which is not there")
+    _ =
+      if settings.gate == :gone,
+        do:
+          Story.tell(settings.folder, "an update was let in without the gate, which is not there")
 
     with {:error, reason} <- Trial.accepted(settings.folder, settings.board),
          do: Logger.error("the trial of this update was not noted: #{inspect(reason)}")

@@ -52,7 +52,7 @@ defmodule BB.Firmware.Init do
            fn -> HostKeys.set_aside_damaged(opts[:keys] || keys()) end, []},
           {"looking at the trial", fn -> :ok = begun(folder, board) end, []}
         ],
-        do: Attempt.run(what, fun, Keyword.merge(limits, opts[:attempt] || []))
+        do: _ = Attempt.run(what, fun, Keyword.merge(limits, opts[:attempt] || []))
 
     :ignore
   end

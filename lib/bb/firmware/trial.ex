@@ -128,7 +128,7 @@ defmodule BB.Firmware.Trial do
 
   # The report of who gave a verdict is there already.
   defp act({:reverted, %{verdict: nil} = marker, by}, folder, board, running) do
-    tell(folder, marker, by)
+    _ = tell(folder, marker, by)
     close(folder, board, running, marker)
   end
 
@@ -136,7 +136,7 @@ defmodule BB.Firmware.Trial do
     do: close(folder, board, running, marker)
 
   defp act({:revert, marker}, folder, board, _running) do
-    tell(folder, marker, marker.verdict)
+    _ = tell(folder, marker, marker.verdict)
     Board.revert(board)
   end
 

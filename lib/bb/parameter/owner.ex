@@ -107,14 +107,14 @@ defmodule BB.Parameter.Owner do
 
   # Without a store there is nothing to wait for.
   defp set(%{persistence: nil} = owner, _from, values) do
-    change(owner, values, fn -> Table.put_values(owner.robot, values) end)
+    _ = change(owner, values, fn -> Table.put_values(owner.robot, values) end)
     Table.put_kept(owner.robot, values)
     {:reply, :ok, owner}
   end
 
   defp set(owner, from, values) do
     id = make_ref()
-    change(owner, values, fn -> Table.put_unkept(owner.robot, id, values) end)
+    _ = change(owner, values, fn -> Table.put_unkept(owner.robot, id, values) end)
     Persistence.keep(owner.persistence, from, id, values)
     {:noreply, owner}
   end

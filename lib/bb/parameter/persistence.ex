@@ -100,7 +100,7 @@ defmodule BB.Parameter.Persistence do
   @impl GenServer
   def terminate(_reason, state) do
     # A store that is not open is not waited for.
-    if state.session, do: close(serve(waiting(:infinity), state))
+    _ = if state.session, do: close(serve(waiting(:infinity), state))
     Alarm.clear(state.robot, :not_kept)
     Alarm.clear(state.robot, :damaged)
   end

@@ -155,9 +155,10 @@ defmodule BB.PubSub.Registrar do
     add = fn -> Pages.add(state.bus, subscription) end
     state = outdate(state, path)
 
-    if unique or is_map_key(state.unique, pid),
-      do: change_all(state, pid, add),
-      else: change(state, [], add, fn -> [subscription] end)
+    _ =
+      if unique or is_map_key(state.unique, pid),
+        do: change_all(state, pid, add),
+        else: change(state, [], add, fn -> [subscription] end)
 
     state |> note(subscription) |> later(path)
   end

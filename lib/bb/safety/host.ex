@@ -78,14 +78,14 @@ defmodule BB.Safety.Host do
 
   def handle_call({:enter, host}, _from, {former, ref}) do
     Process.demonitor(ref, [:flush])
-    unless former == nil, do: secure()
+    _ = unless former == nil, do: secure()
     Table.put_host(host)
     {:reply, :ok, watch(host)}
   end
 
   @impl GenServer
   def handle_info({:DOWN, ref, :process, host, _reason}, {host, ref} = watched) do
-    secure()
+    _ = secure()
     {:noreply, watched}
   end
 

@@ -41,8 +41,9 @@ defmodule BB.Safety.Table do
   defp create(name, options) do
     heir = {:heir, Process.whereis(:application_controller), __MODULE__}
 
-    if :ets.whereis(name) == :undefined,
-      do: :ets.new(name, [:named_table, :public, heir | options])
+    _ =
+      if :ets.whereis(name) == :undefined,
+        do: :ets.new(name, [:named_table, :public, heir | options])
 
     :ok
   end

@@ -351,10 +351,11 @@ defmodule BB.Sensor.NativeProcess do
   defp look_later(%{feed: %{topics: []}}), do: :ok
 
   defp look_later(_state) do
-    if BB.Sensor.max_silence_ns() do
-      often_ms = div(max_silence_ms(), @looks)
-      Process.send_after(self(), :look, often_ms |> max(@looks_ms.first) |> min(@looks_ms.last))
-    end
+    _ =
+      if BB.Sensor.max_silence_ns() do
+        often_ms = div(max_silence_ms(), @looks)
+        Process.send_after(self(), :look, often_ms |> max(@looks_ms.first) |> min(@looks_ms.last))
+      end
 
     :ok
   end

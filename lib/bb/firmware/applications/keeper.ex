@@ -75,7 +75,7 @@ defmodule BB.Firmware.Applications.Keeper do
 
   @impl GenServer
   def handle_cast({:started, app}, state) do
-    if app in state.ended, do: Story.tell(state.folder, "the application #{app} runs again")
+    _ = if app in state.ended, do: Story.tell(state.folder, "the application #{app} runs again")
 
     {:noreply,
      %{
@@ -125,7 +125,7 @@ defmodule BB.Firmware.Applications.Keeper do
 
   defp step({:start, n, pause_ms}, app, reason, state) do
     of = Decision.starts(state.decision)
-    told(state, app, reason, "it is started again (#{n} of #{of})")
+    _ = told(state, app, reason, "it is started again (#{n} of #{of})")
     start_in(%{state | ended: MapSet.put(state.ended, app)}, pause_ms)
   end
 
@@ -154,7 +154,14 @@ defmodule BB.Firmware.Applications.Keeper do
   defp act(:restart_board, app, reason, restarts, state) do
     case Kept.write(file(state.folder), @first <> "#{restarts + 1}\n") do
       :ok ->
-        told(state, app, reason, "that does not help; the board restarts (time #{restarts + 1})")
+        _ =
+          told(
+            state,
+            app,
+            reason,
+            "that does not help; the board restarts (time #{restarts + 1})"
+          )
+
         leave(state, &Board.reboot/1)
 
       # It could go on for ever, and nobody would know.
@@ -164,9 +171,11 @@ defmodule BB.Firmware.Applications.Keeper do
   end
 
   defp act({:stay, pause_ms}, app, reason, restarts, state) do
-    told(state, app, reason, "no restart helps (#{restarts}); the board stays up for an update")
+    _ =
+      told(state, app, reason, "no restart helps (#{restarts}); the board stays up for an update")
+
     # Where it is not known how often it has restarted, the watchdog is left to do it.
-    if is_integer(restarts), do: Board.init_complete(state.board)
+    _ = if is_integer(restarts), do: Board.init_complete(state.board)
     start_in(%{state | stays_for: {app, reason}}, pause_ms)
   end
 
@@ -192,9 +201,10 @@ defmodule BB.Firmware.Applications.Keeper do
     text = "the application #{app} ended (#{Kept.line(reason)}); #{what}"
 
     # The same once a minute would leave no room for how it began.
-    if state.stays_for == {app, reason},
-      do: Logger.warning(text),
-      else: _ = Story.tell(state.folder, text)
+    _ =
+      if state.stays_for == {app, reason},
+        do: Logger.warning(text),
+        else: Story.tell(state.folder, text)
 
     text
   end

@@ -30,7 +30,12 @@ defmodule BB.Firmware.Gate.Holder do
   Names, the robots that cannot be armed meanwhile, and how long the lock stays closed after an
   upload.
   """
-  @type settings :: %{names: names(), robots: [module()], settle_ms: non_neg_integer()}
+  @type settings :: %{
+          required(:names) => names(),
+          required(:robots) => [module()],
+          required(:settle_ms) => non_neg_integer(),
+          optional(atom()) => term()
+        }
 
   @doc """
   Makes the calling process the holder. It waits while it is not known whether the upload before

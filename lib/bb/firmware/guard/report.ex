@@ -15,7 +15,7 @@ defmodule BB.Firmware.Guard.Report do
   @type outcome :: :validated | :reverted
 
   @typedoc """
-  `by` says who reverted, `notes` what else is known; both may be left out.
+  `by` says who reverted (`nil` when nobody did), `notes` what else is known; both may be left out.
   """
   @type t :: %{
           required(:outcome) => outcome(),
@@ -23,7 +23,7 @@ defmodule BB.Firmware.Guard.Report do
           required(:firmware) => %{String.t() => String.t()},
           required(:reasons) => [{Decision.check(), Decision.reason()}],
           required(:missing) => [{Decision.check(), String.t()}],
-          optional(:by) => String.t(),
+          optional(:by) => String.t() | nil,
           optional(:notes) => [String.t()]
         }
 

@@ -99,7 +99,7 @@ defmodule BB.Parameter.Store.Log do
   def load(table) do
     log = fetch(table)
     # The structs of values name these atoms.
-    Code.ensure_loaded(BB.Unit)
+    _ = Code.ensure_loaded(BB.Unit)
     {decoded, _budget} = Enum.map_reduce(log.entries, @new_bytes, &decode/2)
     unreadable = Enum.count(decoded, &(&1 == :error))
     if unreadable > 0, do: warn_unreadable(log, unreadable)
