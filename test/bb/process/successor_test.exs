@@ -64,6 +64,26 @@ defmodule BB.Process.SuccessorTest do
     end
   end
 
+  # A supervisor with a name, above one without, above a process with a name.
+  defmodule Nameless do
+    @moduledoc false
+    use Supervisor
+
+    def start_link(name), do: Supervisor.start_link(__MODULE__, name, name: name)
+
+    @impl Supervisor
+    def init(name) do
+      middle = %{id: :middle, start: {__MODULE__, :start_middle, [name]}, type: :supervisor}
+      Supervisor.init([middle], strategy: :one_for_one)
+    end
+
+    def start_middle(name) do
+      start = {BB.Process.SuccessorTest.Leaf, :start_link, [Tree.leaf(name)]}
+      leaf = %{id: :leaf, start: start, shutdown: :infinity}
+      Supervisor.start_link([leaf], strategy: :one_for_one)
+    end
+  end
+
   defp name(test), do: Module.concat(__MODULE__, "Tree#{:erlang.phash2(test)}")
 
   test "a start that meets processes of a killed supervisor waits for them, however deep", %{
@@ -82,6 +102,36 @@ defmodule BB.Process.SuccessorTest do
     send(leaf, :end)
     assert eventually(fn -> Process.whereis(Tree.leaf(name)) not in [nil, leaf] end, 30_000)
     assert Process.whereis(name) not in [nil, tree]
+  end
+
+  test "a process whose supervisor is an orphan, and waits for its end, is waited for too", %{
+    test: test
+  } do
+    name = name(test)
+    Process.flag(:trap_exit, true)
+    {:ok, tree} = Nameless.start_link(name)
+    leaf = Process.whereis(Tree.leaf(name))
+    :ok = GenServer.call(leaf, {:hold_end, self()})
+    Process.exit(tree, :kill)
+    assert_receive {:EXIT, ^tree, :killed}, 30_000
+    assert_receive {:ending, ^leaf}, 30_000
+
+    # As every supervisor does.
+    starting =
+      Task.async(fn ->
+        Process.flag(:trap_exit, true)
+        Successor.start_link({Nameless, :start_link, [name]})
+      end)
+
+    assert eventually(fn -> waits_for?(starting.pid, leaf) end, 30_000)
+    send(leaf, :end)
+    assert {:ok, _successor} = Task.await(starting, 30_000)
+    assert Process.whereis(Tree.leaf(name)) not in [nil, leaf]
+  end
+
+  defp waits_for?(pid, other) do
+    {:monitors, monitors} = Process.info(pid, :monitors)
+    {:process, other} in monitors
   end
 
   test "a supervisor or registry that is killed costs the one above one restart",
