@@ -48,7 +48,7 @@ defmodule BB.Bus.Sim do
 
   alias BB.Bus.Sim.{Fault, Server}
 
-  # A bus ends with the registry that has its name, and cannot start again before that is back, which takes a moment.
+  # All buses end with the registry that has their names.
   @restarts [max_restarts: 1_000, max_seconds: 1]
 
   @typedoc "A bus name as Linux has it, such as `\"i2c-1\"`."

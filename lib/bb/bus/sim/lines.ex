@@ -47,6 +47,9 @@ defmodule BB.Bus.Sim.Lines do
   alias BB.Bus.Sim.GPIO
   alias BB.Bus.Sim.GPIO.{Chip, Line}
 
+  # All chips end with the registry that has their names.
+  @restarts [max_restarts: 1_000, max_seconds: 1]
+
   @typedoc "A chip's name as Linux has it, such as `\"gpiochip0\"`."
   @type name :: String.t()
 
@@ -94,7 +97,7 @@ defmodule BB.Bus.Sim.Lines do
   def init(chips) do
     chips
     |> Enum.map(fn {name, chip} -> Supervisor.child_spec({Chip, {name, chip}}, id: name) end)
-    |> Supervisor.init(strategy: :one_for_one)
+    |> Supervisor.init([strategy: :one_for_one] ++ @restarts)
   end
 
   @doc "The names of the chips that run now, sorted."

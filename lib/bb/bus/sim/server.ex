@@ -21,7 +21,7 @@ defmodule BB.Bus.Sim.Server do
 
   @doc false
   def start_link({name, opts}),
-    do: GenServer.start_link(__MODULE__, {name, opts}, name: Directory.via(@registry, name))
+    do: Directory.start_link(__MODULE__, {name, opts}, @registry, name)
 
   @doc "The names of the buses that run now, sorted."
   @spec names() :: [String.t()]

@@ -15,7 +15,7 @@ defmodule BB.Bus.Sim.GPIO.Chip do
 
   @doc false
   def start_link({name, opts}),
-    do: GenServer.start_link(__MODULE__, {name, opts}, name: via(name))
+    do: Directory.start_link(__MODULE__, {name, opts}, @registry, name)
 
   @doc "The names of the chips that run now, sorted."
   @spec names() :: [String.t()]
