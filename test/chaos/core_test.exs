@@ -3,7 +3,7 @@ defmodule BB.Test.ChaosCoreTest do
 
   use ExUnit.Case, async: true
 
-  alias BB.Test.Chaos.Core.{Tree, Verdict}
+  alias BB.Test.Chaos.Core.{Robots, Tree, Verdict}
 
   doctest Verdict
 
@@ -50,7 +50,7 @@ defmodule BB.Test.ChaosCoreTest do
   defp restarted(tree, places),
     do: Enum.reduce(places, tree, fn place, tree -> put_in(tree[place].pid, process()) end)
 
-  defp independent(_place, _other), do: false
+  defp independent(_place, _ended, _all), do: false
 
   describe "what may be another process" do
     test "is the one that was killed, and all below it" do
@@ -76,6 +76,11 @@ defmodule BB.Test.ChaosCoreTest do
       assert expected(tree(), [place], ledger) == Enum.sort(group)
       assert expected(tree(), [place], ledger, 110 * @second) == [place]
 
+      # Within the second that a supervisor may count or not, it may also have gone on.
+      {places, ledger} = Verdict.expected(tree(), [place], ledger, 101_500_000_000)
+      assert Enum.sort(places) == Enum.sort(group)
+      assert {[:top, :group], 101_500_000_000} in ledger
+
       above = for second <- [96, 97, 98], do: {[:top], second * @second}
       assert expected(tree(), [place], ledger ++ above) == Enum.sort(Map.keys(tree()))
     end
@@ -98,17 +103,30 @@ defmodule BB.Test.ChaosCoreTest do
       before = tree()
       later = before |> restarted([[:top, :a], [:top, :group, :x]]) |> Map.delete([:top, :keeper])
       expected = MapSet.new([[:top, :a]])
-      innocent = Verdict.innocent(before, later, expected, &independent/2)
+      innocent = Verdict.innocent(before, later, expected, &independent/3)
       assert Enum.sort(innocent) == [[:top, :group, :x], [:top, :keeper]]
-      assert Verdict.innocent(before, before, expected, &independent/2) == []
+      assert Verdict.innocent(before, before, expected, &independent/3) == []
     end
 
     test "is none of one that depends on what has ended" do
       before = tree()
       later = restarted(before, [[:top, :a], [:top, :keeper, :server]])
-      depends? = fn place, other -> {List.last(place), List.last(other)} == {:server, :a} end
-      assert Verdict.innocent(before, later, MapSet.new([[:top, :a]]), depends?) == []
-      assert [_, _] = Verdict.innocent(before, later, MapSet.new(), depends?)
+      due? = fn place, ended, _all -> List.last(place) == :server and [:top, :a] in ended end
+      assert Verdict.innocent(before, later, MapSet.new([[:top, :a]]), due?) == []
+      assert [_, _] = Verdict.innocent(before, later, MapSet.new(), due?)
+    end
+
+    test "is one of a shared bus that somebody still has open" do
+      buses = BB.Bus.I2C.Supervisor
+      server = [Ganglion.Supervisor, buses, buses, BB.Bus.I2C.Servers, {BB.Bus.I2C.Server, 1}]
+      [one, other] = for robot <- Robots.all(), do: [robot, :topology, {:sensor, :imu}, :imu]
+      registry = [hd(Robots.all()), Module.concat(hd(Robots.all()), Registry)]
+      all = [server, one, other, registry]
+      assert Robots.due?(server, MapSet.new([one, other]), all)
+      assert Robots.due?(server, MapSet.new([registry, other]), all)
+      refute Robots.due?(server, MapSet.new([registry]), all)
+      refute Robots.due?(server, MapSet.new([other]), all)
+      refute Robots.due?(server, MapSet.new(), [server])
     end
   end
 

@@ -137,7 +137,7 @@ defmodule BB.Test.Chaos.Core do
 
     # Who depends on what has ended may notice it later.
     allowed = MapSet.union(expected, run.before)
-    innocent = Verdict.innocent(tree, later, allowed, &Robots.depends?/2)
+    innocent = Verdict.innocent(tree, later, allowed, &Robots.due?/3)
     told = for what <- Enum.uniq(innocent ++ missing) ++ helpless, do: {run.kills, victims, what}
 
     run = %{

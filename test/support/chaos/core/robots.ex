@@ -31,16 +31,29 @@ defmodule BB.Test.Chaos.Core.Robots do
   defp imu, do: {BB.Bus.Sim.Mpu6050, source: :motion}
 
   @doc """
-  Whether the process at a place depends on the one at another, and so ends with it, beside what the supervision tree says. It is
+  Whether the process at a place may be another when those at other places have ended, beside what the supervision tree says. It is
   started again by its keeper, or, if it is the process of a shared bus, for the next who opens that.
 
     * A component has its name in its robot's registry.
     * A sensor on the bus needs the processes of the bus, and so does the one that shares the bus. These have their names in
       registries as well.
+    * The process that shares a bus ends when all who have it open have ended (`BB.Bus.I2C.Server`).
     * A warden is there for a robot until that has ended, and another for the next.
   """
-  @spec depends?([term()], [term()]) :: boolean()
-  def depends?(place, other) do
+  @spec due?([term()], MapSet.t([term()]), [[term()]]) :: boolean()
+  def due?(place, ended, all),
+    do: dependent?(place, ended) or (shared_bus?(place) and deserted?(ended, all))
+
+  defp dependent?(place, ended), do: Enum.any?(ended, &depends?(place, &1))
+
+  defp deserted?(ended, all) do
+    users = Enum.filter(all, &(component?(&1) and on_the_bus?(&1)))
+    users != [] and Enum.all?(users, &(&1 in ended or dependent?(&1, ended)))
+  end
+
+  defp shared_bus?(place), do: match?([_server, BB.Bus.I2C.Servers | _], Enum.reverse(place))
+
+  defp depends?(place, other) do
     (component?(place) and registry(place) in other) or
       (on_the_bus?(place) and Enum.any?(other, &bus?/1)) or
       (warden_of(place) != nil and warden_of(place) == List.last(other))

@@ -40,16 +40,20 @@ defmodule BB.Test.Chaos.Core.Verdict do
       tree[place].restart == :temporary ->
         {branch(tree, place), ledger}
 
-      spent?(parent, ledger, now_ns) ->
+      spent?(parent, ledger, now_ns, 0) ->
         ends(tree, parent.place, ledger, now_ns)
+
+      # It may have ended, and may have counted one more.
+      spent?(parent, ledger, now_ns, @slack_ns) ->
+        ends(tree, parent.place, [{parent.place, now_ns} | ledger], now_ns)
 
       true ->
         {restarted(tree, place, parent), [{parent.place, now_ns} | ledger]}
     end
   end
 
-  defp spent?(parent, ledger, now_ns) do
-    since_ns = now_ns - parent.period_s * 1_000_000_000 - @slack_ns
+  defp spent?(parent, ledger, now_ns, slack_ns) do
+    since_ns = now_ns - parent.period_s * 1_000_000_000 - slack_ns
 
     count =
       Enum.count(ledger, fn {place, at_ns} -> place == parent.place and at_ns > since_ns end)
@@ -75,20 +79,20 @@ defmodule BB.Test.Chaos.Core.Verdict do
     do: for({below, _} <- tree, List.starts_with?(below, place), do: below)
 
   @doc """
-  The places whose process is another, or gone, and may not be: neither the tree says so nor a dependency on one that it says so
-  of. A place that was not there before has no say.
+  The places whose process is another, or gone, and may not be: neither the tree says so nor a dependency on those that it says so
+  of: `due?.(place, ended, all)`, of the places before. A place that was not there before has no say.
   """
   @spec innocent(
           %{[term()] => Tree.t()},
           %{[term()] => Tree.t()},
           MapSet.t([term()]),
-          ([term()], [term()] -> boolean())
+          ([term()], MapSet.t([term()]), [[term()]] -> boolean())
         ) :: [[term()]]
-  def innocent(before, later, expected, depends?) do
+  def innocent(before, later, expected, due?) do
     for {place, %{pid: pid}} <- before,
         later[place][:pid] != pid,
         place not in expected,
-        not Enum.any?(expected, &depends?.(place, &1)),
+        not due?.(place, expected, Map.keys(before)),
         do: place
   end
 
