@@ -69,26 +69,42 @@ defmodule BB.Test.ChaosCoreTest do
     end
 
     test "is a supervisor whose restarts are used up, as if it had been killed" do
+      tree = tree()
       place = [:top, :group, :z]
-      ledger = for second <- [96, 97, 98], do: {[:top, :group], second * @second}
-      assert expected(tree(), [place], tl(ledger)) == [place]
-      group = for {place, _} <- tree(), List.starts_with?(place, [:top, :group]), do: place
-      assert expected(tree(), [place], ledger) == Enum.sort(group)
-      assert expected(tree(), [place], ledger, 110 * @second) == [place]
+      ledger = for second <- [96, 97, 98], do: {tree[[:top, :group]].pid, second * @second}
+      assert expected(tree, [place], tl(ledger)) == [place]
+      group = for {place, _} <- tree, List.starts_with?(place, [:top, :group]), do: place
+      assert expected(tree, [place], ledger) == Enum.sort(group)
+      assert expected(tree, [place], ledger, 110 * @second) == [place]
 
-      # Within the second that a supervisor may count or not, it may also have gone on.
-      {places, ledger} = Verdict.expected(tree(), [place], ledger, 101_500_000_000)
-      assert Enum.sort(places) == Enum.sort(group)
-      assert {[:top, :group], 101_500_000_000} in ledger
+      above = for second <- [96, 97, 98], do: {tree[[:top]].pid, second * @second}
+      assert expected(tree, [place], ledger ++ above) == Enum.sort(Map.keys(tree))
+    end
 
-      above = for second <- [96, 97, 98], do: {[:top], second * @second}
-      assert expected(tree(), [place], ledger ++ above) == Enum.sort(Map.keys(tree()))
+    test "is none that was started anew since" do
+      tree = tree()
+      place = [:top, :group, :z]
+      ledger = for second <- [96, 97, 98], do: {tree[[:top, :group]].pid, second * @second}
+      anew = restarted(tree, [[:top, :group]])
+      assert expected(anew, [place], ledger) == [place]
+      assert length(expected(tree, [place], ledger)) > 1
+    end
+
+    test "is one that may have ended a little earlier, and has not" do
+      tree = tree()
+      place = [:top, :group, :z]
+      ledger = for second <- [96, 97, 98], do: {tree[[:top, :group]].pid, second * @second}
+
+      # It counted 97, 98 and this one.
+      {_places, ledger} = Verdict.expected(tree, [place], ledger, 101_500_000_000)
+      assert length(expected(tree, [place], ledger, 102_900_000_000)) > 1
     end
 
     test "is a keeper's child, however often" do
+      tree = tree()
       place = [:top, :keeper, :server]
-      ledger = List.duplicate({[:top, :keeper], 100 * @second}, 50)
-      assert expected(tree(), [place], ledger) == [place]
+      ledger = List.duplicate({tree[[:top, :keeper]].pid, 100 * @second}, 50)
+      assert expected(tree, [place], ledger) == [place]
     end
 
     test "is used up by several kills at once as well" do

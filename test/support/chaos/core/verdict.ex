@@ -12,8 +12,11 @@ defmodule BB.Test.Chaos.Core.Verdict do
   # A supervisor counts in whole seconds.
   @slack_ns 1_000_000_000
 
-  @typedoc "When children of supervisors were killed: what their restarts have used up."
-  @type ledger :: [{place :: [term()], at_ns :: integer()}]
+  @typedoc """
+  When children of supervisors were killed: what their restarts have used up. One that is started
+  anew begins anew.
+  """
+  @type ledger :: [{supervisor :: pid(), at_ns :: integer()}]
 
   @doc """
   The places whose processes may be others after the kills of `victims` at `now_ns`, and the ledger with those.
@@ -40,23 +43,19 @@ defmodule BB.Test.Chaos.Core.Verdict do
       tree[place].restart == :temporary ->
         {branch(tree, place), ledger}
 
-      spent?(parent, ledger, now_ns, 0) ->
-        ends(tree, parent.place, ledger, now_ns)
-
-      # It may have ended, and may have counted one more.
-      spent?(parent, ledger, now_ns, @slack_ns) ->
-        ends(tree, parent.place, [{parent.place, now_ns} | ledger], now_ns)
+      # Within the second of doubt it may live on, and has counted one more.
+      spent?(parent, ledger, now_ns) ->
+        ends(tree, parent.place, [{parent.pid, now_ns} | ledger], now_ns)
 
       true ->
-        {restarted(tree, place, parent), [{parent.place, now_ns} | ledger]}
+        {restarted(tree, place, parent), [{parent.pid, now_ns} | ledger]}
     end
   end
 
-  defp spent?(parent, ledger, now_ns, slack_ns) do
-    since_ns = now_ns - parent.period_s * 1_000_000_000 - slack_ns
+  defp spent?(parent, ledger, now_ns) do
+    since_ns = now_ns - parent.period_s * 1_000_000_000 - @slack_ns
 
-    count =
-      Enum.count(ledger, fn {place, at_ns} -> place == parent.place and at_ns > since_ns end)
+    count = Enum.count(ledger, fn {pid, at_ns} -> pid == parent.pid and at_ns > since_ns end)
 
     count + 1 > parent.intensity
   end
