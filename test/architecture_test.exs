@@ -21,25 +21,26 @@ defmodule ArchitectureTest do
     callback: {~w(BB.Callback.*), []},
     telemetry: {~w(BB.Telemetry), [:callback]},
     errno: {~w(BB.Errno), []},
+    tolerant: {~w(BB.Process.Tolerant), []},
     envelope: {~w(BB.Message BB.Message.Compiler.*), [:options]},
     payload:
       {~w(BB.Message.* BB.StateMachine.Transition BB.Safety.HardwareError),
        [:envelope, :options, :math]},
 
     # The bus moves messages and does not read them: no payload.
-    pub_sub: {~w(BB.PubSub.*), [:path, :options, :envelope]},
+    pub_sub: {~w(BB.PubSub.*), [:path, :options, :envelope, :tolerant]},
 
     # What can be tuned, and what is between a joint and a motor.
-    parameter: {~w(BB.Parameter.*), ~w(pub_sub envelope options unit)a},
+    parameter: {~w(BB.Parameter.*), ~w(pub_sub envelope options unit tolerant)a},
     transmission: {~w(BB.Transmission), ~w(parameter envelope payload options unit)a},
 
     # What runs and what keeps it running. The declaration is data: the robot, and its components as it declares them.
     process: {~w(BB.Process.*), []},
-    safety: {~w(BB.Safety.*), ~w(path pub_sub envelope payload callback telemetry)a},
+    safety: {~w(BB.Safety.*), ~w(path pub_sub envelope payload callback telemetry tolerant)a},
     declaration: {~w(BB.Component BB.Robot.*), ~w(transmission parameter unit)a},
     component:
       {~w(BB.Component.*),
-       ~w(declaration transmission parameter process pub_sub safety envelope payload options callback telemetry)a},
+       ~w(declaration transmission parameter process pub_sub safety envelope payload options callback telemetry tolerant)a},
 
     # The kinds of components.
     sensor:
@@ -52,10 +53,10 @@ defmodule ArchitectureTest do
     facade: {~w(BB), ~w(dsl supervisor process pub_sub)a},
 
     # Drivers, and the bus as they see it. What is simulated behind it they cannot name.
-    clock: {~w(BB.Clock.*), []},
+    clock: {~w(BB.Clock.*), [:tolerant]},
     loop: {~w(BB.Loop), ~w(clock envelope unit telemetry)a},
-    bus: {~w(BB.Bus.*), ~w(clock errno process)a},
-    simulation: {~w(BB.Bus.Sim.*), [:clock]},
+    bus: {~w(BB.Bus.*), ~w(clock errno process tolerant)a},
+    simulation: {~w(BB.Bus.Sim.*), [:clock, :tolerant]},
     polled: {~w(BB.Sensor.Polled), ~w(sensor loop unit)a},
     driver:
       {~w(BB.Sensor.*),
@@ -76,7 +77,7 @@ defmodule ArchitectureTest do
     # What validates, replaces and reaches the software of a board.
     firmware:
       {~w(BB.Firmware.*),
-       ~w(facade sensor driver native_process handoff ring safety process pub_sub envelope payload options)a},
+       ~w(facade sensor driver native_process handoff ring safety process pub_sub envelope payload options tolerant)a},
 
     # Composition.
     ganglion:
@@ -94,6 +95,7 @@ defmodule ArchitectureTest do
     {~w(BB.Component.Server BB.Sensor.Polled BB.Sensor.NativeProcess BB.Handoff.Inlet
         BB.Handoff.Outlet), "calls in the process of the component, for some at each message"},
     {~w(BB.Safety.Round), "calls each disarm/1 in a process of its own, with a deadline"},
+    {~w(BB.Process.Successor), "starts what the supervisor starts in whose process it is"},
 
     # In the process of who asks.
     {~w(BB.Component.Options BB.Options.Type),

@@ -15,6 +15,7 @@ defmodule BB.Clock.Stepped do
   step waits until the receiver of one has handled it before it sends the next.
   """
   use GenServer
+  use BB.Process.Tolerant
 
   @enforce_keys [:now, :timers]
   defstruct [:now, :timers]
@@ -117,9 +118,6 @@ defmodule BB.Clock.Stepped do
   end
 
   defp set_start(clock), do: :atomics.put(clock.now, 1, System.monotonic_time(:nanosecond))
-
-  @impl GenServer
-  def handle_info(_message, state), do: {:noreply, state}
 
   # A successor's clock stays.
   @impl GenServer

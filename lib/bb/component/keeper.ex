@@ -17,6 +17,7 @@ defmodule BB.Component.Keeper do
   """
 
   use GenServer
+  use BB.Process.Tolerant
 
   alias BB.Component
   alias BB.Component.{Announcer, Condition, Farewell, Health, Hearing, Pulse, Reason, Server}
@@ -90,6 +91,14 @@ defmodule BB.Component.Keeper do
     {:reply, [specs: 1, active: active, supervisors: 0, workers: 1], keeper}
   end
 
+  def handle_call({:get_childspec, name}, _from, %{component: %{name: name}} = keeper) do
+    start = {Server, :start_link, [arguments(keeper)]}
+    {:reply, {:ok, %{id: name, start: start, restart: :permanent, type: :worker}}, keeper}
+  end
+
+  def handle_call({:get_childspec, _other}, _from, keeper),
+    do: {:reply, {:error, :not_found}, keeper}
+
   defp child(%{condition: %{state: :ignored}}), do: :undefined
   defp child(keeper), do: keeper.server || :restarting
 
@@ -158,19 +167,21 @@ defmodule BB.Component.Keeper do
     end
   end
 
-  defp start_server(%{robot: robot, component: component, pulse: pulse}) do
-    Server.start_link(
-      [
-        __callback_module__: component.module,
-        __kind__: component.kind,
-        __keeper__: self(),
-        __pulse__: pulse,
-        bb: %{robot: robot, path: component.path}
-      ] ++ component.options
-    )
+  defp start_server(keeper) do
+    keeper |> arguments() |> Server.start_link()
   rescue
     # The registry is being restarted.
     error in ArgumentError -> {:error, error}
+  end
+
+  defp arguments(%{robot: robot, component: component, pulse: pulse}) do
+    [
+      __callback_module__: component.module,
+      __kind__: component.kind,
+      __keeper__: self(),
+      __pulse__: pulse,
+      bb: %{robot: robot, path: component.path}
+    ] ++ component.options
   end
 
   # Ending

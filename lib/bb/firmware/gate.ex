@@ -64,6 +64,7 @@ defmodule BB.Firmware.Gate do
   """
 
   use GenServer
+  use BB.Process.Tolerant
 
   require Logger
 

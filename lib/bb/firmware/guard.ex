@@ -73,6 +73,7 @@ defmodule BB.Firmware.Guard do
   """
 
   use GenServer
+  use BB.Process.Tolerant
 
   require Logger
 

@@ -38,6 +38,7 @@ defmodule BB.Firmware.Network do
   """
 
   use GenServer
+  use BB.Process.Tolerant
 
   require Logger
 

@@ -9,6 +9,7 @@ defmodule BB.Parameter.Owner do
   """
 
   use GenServer
+  use BB.Process.Tolerant
 
   require Logger
 
@@ -75,8 +76,6 @@ defmodule BB.Parameter.Owner do
     if ref, do: Table.delete_watch(owner.robot, ref)
     {:noreply, %{owner | watchers: watchers}}
   end
-
-  def handle_info(_message, owner), do: {:noreply, owner}
 
   # Setting
 

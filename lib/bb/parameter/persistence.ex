@@ -9,6 +9,7 @@ defmodule BB.Parameter.Persistence do
   """
 
   use GenServer
+  use BB.Process.Tolerant
 
   require Logger
 
@@ -94,8 +95,6 @@ defmodule BB.Parameter.Persistence do
 
   def handle_info({:EXIT, host, reason}, %{session: %{host: host}} = state),
     do: {:noreply, state |> fail(:gone, "use", {:exit, reason}) |> settle()}
-
-  def handle_info(_message, state), do: {:noreply, state}
 
   @impl GenServer
   def terminate(_reason, state) do

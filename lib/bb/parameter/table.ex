@@ -8,6 +8,7 @@ defmodule BB.Parameter.Table do
   """
 
   use GenServer
+  use BB.Process.Tolerant
 
   alias BB.Parameter.Definition
 

@@ -24,6 +24,7 @@ defmodule BB.PubSub.Registrar do
   """
 
   use GenServer
+  use BB.Process.Tolerant
 
   alias BB.Path
   alias BB.PubSub.{Bus, Delivery, Gate, Pages, Retention, Routes, Subscription, Traffic}
@@ -138,8 +139,6 @@ defmodule BB.PubSub.Registrar do
     state = %{state | monitors: Map.delete(state.monitors, pid)}
     {:noreply, Enum.reduce(paths, state, &remove(&2, pid, &1))}
   end
-
-  def handle_info(_message, state), do: {:noreply, state}
 
   @impl GenServer
   def terminate(reason, state) do

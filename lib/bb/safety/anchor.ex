@@ -5,6 +5,7 @@ defmodule BB.Safety.Anchor do
   """
 
   use GenServer
+  use BB.Process.Tolerant
 
   alias BB.Safety.Supervisor
 
@@ -21,7 +22,6 @@ defmodule BB.Safety.Anchor do
 
   @impl GenServer
   def handle_info({:DOWN, ref, :process, _pid, _reason}, ref), do: {:noreply, hold()}
-  def handle_info(_message, ref), do: {:noreply, ref}
 
   defp hold do
     Supervisor.start()

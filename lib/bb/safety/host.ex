@@ -20,6 +20,7 @@ defmodule BB.Safety.Host do
   """
 
   use GenServer
+  use BB.Process.Tolerant
 
   alias BB.Safety.{Supervisor, Table, Warden}
 
@@ -88,9 +89,6 @@ defmodule BB.Safety.Host do
     _ = secure()
     {:noreply, watched}
   end
-
-  # Those who secure have ended.
-  def handle_info(_message, watched), do: {:noreply, watched}
 
   # Its supervisor was killed, perhaps together with the application and its anchor.
   @impl GenServer

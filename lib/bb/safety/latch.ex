@@ -8,6 +8,7 @@ defmodule BB.Safety.Latch do
   """
 
   use GenServer, shutdown: :infinity
+  use BB.Process.Tolerant
 
   alias BB.Safety.Warden
 

@@ -14,6 +14,7 @@ defmodule BB.Safety.Warden do
   """
 
   use GenServer, restart: :transient
+  use BB.Process.Tolerant
 
   alias BB.Safety.{Announcer, Record, Round, Table}
 

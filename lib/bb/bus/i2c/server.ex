@@ -9,6 +9,7 @@ defmodule BB.Bus.I2C.Server do
   started again one after the other still count as the ones of one bus.
   """
   use GenServer, restart: :temporary
+  use BB.Process.Tolerant
 
   alias BB.Bus.I2C.{Condition, Handle}
   alias BB.Bus.I2C.Supervisor, as: Buses
@@ -130,8 +131,6 @@ defmodule BB.Bus.I2C.Server do
 
   def handle_info({:timeout, linger, :linger}, %{linger: linger} = state),
     do: {:stop, :normal, close_backend(state)}
-
-  def handle_info(_message, state), do: {:noreply, state}
 
   @impl GenServer
   def handle_continue(:remain, state) do

@@ -5,11 +5,13 @@ defmodule BB.Bus.Sim.Server do
   Transfers wait in a queue for the bus to be free, whereas orders to the simulation (unplug, fault, …) are obeyed at once.
   """
   use GenServer
+  use BB.Process.Tolerant
 
   alias BB.Bus.Sim.{Directory, Interrupts, Slot}
 
   @registry BB.Bus.Sim.Registry
   @no_such_device 19
+  @orders [:unplug, :replug, :clear]
   @ns_per_ms 1_000_000
 
   @type transfer :: %{
@@ -80,7 +82,9 @@ defmodule BB.Bus.Sim.Server do
     end
   end
 
-  def handle_call({order, address}, _from, bus), do: obey(order, address, bus)
+  def handle_call({order, address}, _from, bus) when order in @orders,
+    do: obey(order, address, bus)
+
   def handle_call({:fault, address, fault}, _from, bus), do: obey({:fault, fault}, address, bus)
 
   @impl GenServer

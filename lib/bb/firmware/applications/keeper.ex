@@ -13,6 +13,7 @@ defmodule BB.Firmware.Applications.Keeper do
   """
 
   use GenServer
+  use BB.Process.Tolerant
 
   require Logger
 
@@ -115,8 +116,6 @@ defmodule BB.Firmware.Applications.Keeper do
     _ = Kept.remove(file(state.folder))
     {:noreply, state}
   end
-
-  def handle_info(_other, state), do: {:noreply, state}
 
   defp step(:nothing, app, _reason, state) do
     _ = Story.tell(state.folder, "the application #{app} was stopped by a person")

@@ -14,6 +14,7 @@ defmodule BB.Firmware.Gate.Holder do
   """
 
   use GenServer
+  use BB.Process.Tolerant
 
   alias BB.Firmware.Gate.Lock
   alias BB.Safety
@@ -198,8 +199,6 @@ defmodule BB.Firmware.Gate.Holder do
       lock -> {:noreply, %{state | lock: lock}}
     end
   end
-
-  def handle_info(_other, state), do: {:noreply, state}
 
   # The first who waits enters; without one the lock is gone.
   defp next(%{waiting: []} = state) do

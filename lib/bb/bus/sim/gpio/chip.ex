@@ -3,6 +3,7 @@ defmodule BB.Bus.Sim.GPIO.Chip do
   The process that is one simulated controller of lines. Used through `BB.Bus.Sim.GPIO` and `BB.Bus.Sim.Lines`.
   """
   use GenServer
+  use BB.Process.Tolerant
 
   alias BB.Bus.Sim.Directory
   alias BB.Bus.Sim.GPIO.{Agenda, Handle, Line, Part}
@@ -164,6 +165,8 @@ defmodule BB.Bus.Sim.GPIO.Chip do
     devices = Map.new(chip.parts, fn {name, part} -> {name, describe(part)} end)
     {:reply, devices, chip}
   end
+
+  defp serve(_unknown, _from, chip), do: {:reply, {:error, :not_implemented}, chip}
 
   @impl GenServer
   def handle_info(:due, chip), do: {:noreply, chip |> Map.put(:timer, nil) |> happen() |> rearm()}
