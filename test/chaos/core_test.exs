@@ -144,6 +144,16 @@ defmodule BB.Test.ChaosCoreTest do
       refute Robots.due?(server, MapSet.new([other]), all)
       refute Robots.due?(server, MapSet.new(), [server])
     end
+
+    test "is one of a keeper or a supervisor that comes late, and none of a component" do
+      robot = hd(Robots.all())
+      keeper = [robot, :topology, {:sensor, :camera}]
+      camera = keeper ++ [:camera]
+      ended = MapSet.new([keeper, camera])
+      assert Robots.late?(camera, ended, [keeper, camera])
+      refute Robots.late?(keeper, ended, [keeper, camera])
+      refute Robots.late?([robot, :topology, {:sensor, :imu}, :imu], ended, [keeper, camera])
+    end
   end
 
   test "a robot is unwatched when it is armed without a warden for longer than 100 ms" do

@@ -44,6 +44,16 @@ defmodule BB.Test.Chaos.Core.Robots do
   def due?(place, ended, all),
     do: dependent?(place, ended) or (shared_bus?(place) and deserted?(ended, all))
 
+  @doc """
+  Whether the process at a place may be another some time after those at other places have ended.
+
+  A component notices late that its bus or its program has gone: the program's end takes its grace. Its successor may find the topic
+  taken, or the device reset, and is started once more. The process of a shared bus follows its sensors.
+  """
+  @spec late?([term()], MapSet.t([term()]), [[term()]]) :: boolean()
+  def late?(place, ended, all),
+    do: (component?(place) or shared_bus?(place)) and (place in ended or due?(place, ended, all))
+
   defp dependent?(place, ended), do: Enum.any?(ended, &depends?(place, &1))
 
   defp deserted?(ended, all) do
