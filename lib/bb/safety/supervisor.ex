@@ -20,6 +20,9 @@ defmodule BB.Safety.Supervisor do
   # However often wardens are killed, the others stay.
   @restarts [max_restarts: 1_000, max_seconds: 1]
 
+  # Longer than a supervisor gives its children to end.
+  @patience_ms 6_000
+
   @doc "Starts safety, unless it runs. It does not end with the calling process."
   @spec start() :: :ok
   def start do
@@ -55,12 +58,20 @@ defmodule BB.Safety.Supervisor do
     Supervisor.init(children, [strategy: :rest_for_one] ++ @restarts)
   end
 
-  # What a predecessor that was killed has left behind has the name still.
+  # What a predecessor that was killed has left behind has the name still, and need not end by
+  # itself.
   defp await_end(nil), do: :ok
 
   defp await_end(pid) do
     ref = Process.monitor(pid)
-    receive do: ({:DOWN, ^ref, :process, ^pid, _reason} -> :ok)
+
+    receive do
+      {:DOWN, ^ref, :process, ^pid, _reason} -> :ok
+    after
+      @patience_ms ->
+        Process.exit(pid, :kill)
+        receive do: ({:DOWN, ^ref, :process, ^pid, _reason} -> :ok)
+    end
   end
 
   @doc "Starts the wardens of robots that have a record."

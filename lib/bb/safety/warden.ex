@@ -115,7 +115,8 @@ defmodule BB.Safety.Warden do
   @doc """
   Starts the warden of a robot, for which `pid` has a role. `:ignore` when it runs: its supervisor
   may have started it anew before someone who needs it could, or the other way round, and neither
-  is a failure. One that a killed supervisor has left behind is about to end, and is waited for.
+  is a failure. One that a killed supervisor has left behind is ended: it need not end by itself,
+  for a supervisor that is killed while it stops its children has let go of them already.
   """
   @spec start_link({module(), role() | :nobody, pid() | nil}) :: GenServer.on_start()
   def start_link({robot, _role, _pid} = argument) do
@@ -132,6 +133,7 @@ defmodule BB.Safety.Warden do
 
   defp start_after(warden, argument) do
     ref = Process.monitor(warden)
+    Process.exit(warden, :kill)
     receive do: ({:DOWN, ^ref, :process, ^warden, _reason} -> start_link(argument))
   end
 

@@ -53,6 +53,25 @@ defmodule BB.Safety.SupervisorTest do
     end
   end
 
+  # A supervisor lets go of its children before it tells them to end.
+  test "a warden that was left behind by a supervisor killed in the midst of its end has a successor",
+       %{robot: robot} do
+    name = Module.concat(robot, "Safety")
+    assert eventually(fn -> Process.whereis(BB.Safety.Wardens) && Process.whereis(name) end)
+    former = Process.whereis(name)
+    :ok = :sys.suspend(BB.Safety.Wardens)
+    Process.exit(former, :kill)
+    assert eventually(fn -> Process.whereis(name) == nil end)
+    {:ok, orphan} = GenServer.start(BB.Safety.Warden, {robot, :nobody, nil}, name: name)
+    on_exit(fn -> Process.exit(orphan, :kill) end)
+    :ok = :sys.resume(BB.Safety.Wardens)
+
+    assert eventually(fn -> Process.whereis(name) not in [nil, orphan] end)
+    assert Safety.armed?(robot)
+    assert Safety.disarm(robot) == :ok
+    assert Brake.runs(robot, @a) == 1
+  end
+
   test "when the application stops, what is armed is disarmed first", %{robot: robot} do
     Ganglion.Application.prep_stop(nil)
     assert Brake.runs(robot, @a) == 1
