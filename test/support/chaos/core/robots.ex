@@ -97,8 +97,7 @@ defmodule BB.Test.Chaos.Core.Robots do
 
   defp define(robot, address, folder) do
     label = robot |> Module.split() |> List.last() |> String.downcase()
-    {store, file} = store()
-    path = Path.join(folder, label <> file)
+    path = Path.join(folder, label <> ".log")
     frames = Run.unique(label <> ".frames")
     imu = Run.unique(label <> ".imu")
 
@@ -107,7 +106,7 @@ defmodule BB.Test.Chaos.Core.Robots do
         use BB
 
         settings do
-          parameter_store {unquote(store), path: unquote(path)}
+          parameter_store {BB.Parameter.Store.Log, path: unquote(path)}
         end
 
         parameters do
@@ -157,11 +156,5 @@ defmodule BB.Test.Chaos.Core.Robots do
 
     {:module, ^robot, _, _} = Module.create(robot, code, Macro.Env.location(__ENV__))
     robot
-  end
-
-  # The store that is recommended, where there is a newer one than DETS.
-  defp store do
-    log = Module.concat(BB.Parameter.Store, Log)
-    if Code.ensure_loaded?(log), do: {log, ".log"}, else: {BB.Parameter.Store.Dets, ".dets"}
   end
 end

@@ -32,10 +32,15 @@ defmodule BB.Test.Chaos.Core.Tuner do
     :ok
   end
 
-  @doc "Looks once more at all parameters, and returns what was lost: `[{{robot, path}, value, possible}]`."
+  @doc """
+  Looks once more at all parameters, all of which must be there, and returns what was lost: `[{{robot, path}, value, possible}]`.
+  """
   @spec lost(:ets.tid()) :: [{{module(), [atom()]}, term(), [term()]}]
   def lost(table) do
-    for {key, _possible, _acknowledged} <- :ets.tab2list(table), do: check(table, key)
+    for {key, possible, _acknowledged} <- :ets.tab2list(table) do
+      check(table, key)
+      if value(key) == :unknown, do: lose(table, key, :none, possible)
+    end
 
     for {{:lost, _n}, key, value, possible} <- :ets.tab2list(table), do: {key, value, possible}
   end
@@ -73,18 +78,21 @@ defmodule BB.Test.Chaos.Core.Tuner do
     :exit, _gone -> :gone
   end
 
-  defp check(table, {robot, path} = key) do
+  defp check(table, key) do
     [{_key, possible, count}] = :ets.lookup(table, key)
-    value = value(robot, path)
+    value = value(key)
 
     if Verdict.lost?(value, possible) do
       {:ok, value} = value
-      :ets.insert(table, {{:lost, System.unique_integer()}, key, value, possible})
+      lose(table, key, value, possible)
       :ets.insert(table, {key, [value], count})
     end
   end
 
-  defp value(robot, path) do
+  defp lose(table, key, value, possible),
+    do: :ets.insert(table, {{:lost, System.unique_integer()}, key, value, possible})
+
+  defp value({robot, path}) do
     with {:error, :not_found} <- BB.Parameter.get(robot, path), do: :unknown
   rescue
     ArgumentError -> :unknown
