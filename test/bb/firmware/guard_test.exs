@@ -198,6 +198,8 @@ defmodule BB.Firmware.GuardTest do
   test "a required sensor that is slow and says nothing is not good", context do
     robot = slow_robot([max_silence: BB.Unit.new!(5, :second)], silent: true)
     start_supervised!(robot)
+    # One that the guard never sees up is not good for that reason.
+    assert eventually(fn -> health(robot, :slow).state == :up end, 30_000)
     {_, _} = guard(context, robot, hopeless([]))
     assert_receive {Memory, :revert}
     assert Report.read(context.tmp_dir, :reverted) =~ "required: sensor slow: was never good"
