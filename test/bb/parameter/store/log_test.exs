@@ -210,9 +210,9 @@ defmodule BB.Parameter.Store.LogTest do
       {loaded(store), Log.damage(store), store}
     end
 
-    # All that is written, and some of the zeros behind it. FormatTest goes through these too.
+    # All that is written, and some of the filling behind it. FormatTest goes through these too.
     defp places(whole) do
-      used = byte_size(String.trim_trailing(whole, <<0>>))
+      {:ok, %{end_at: used}} = Format.read(whole)
       last = byte_size(whole) - 1
       Enum.concat([0..(used + 1), (used + 2)..(last - 1)//257, [last]])
     end

@@ -9,7 +9,7 @@ defmodule BB.Parameter.Store.Log.Format do
       frame    "set!" length:32 before:32 crc:32, payload, crc:32
       …
       end      "end." before:32 crc:32 "."
-      zeros    as far as size
+      filling  the byte A5 as far as size
 
   `size` is the file's own, so that a file that was cut is known by it. `generation` counts the
   files that took each other's place. The first `base` values are those of the generation before,
@@ -20,7 +20,8 @@ defmodule BB.Parameter.Store.Log.Format do
 
   A change is one write over the old end: its frame, and the new end. Where such a write was
   broken off, by a power failure for one, the old bytes stand behind that place. That tells it
-  from damage, and what was broken off was never acknowledged.
+  from damage, and what was broken off was never acknowledged. The filling is nothing that a disk
+  or a file system puts in the place of what it has lost, as zeros are.
   """
 
   alias BB.Parameter.Store.Log.{Entry, Reading}
@@ -33,6 +34,7 @@ defmodule BB.Parameter.Store.Log.Format do
   @crc_size 4
   @end_magic "end."
   @end_size 13
+  @filling <<0xA5>>
   @block 4_096
   # But for a file that is large itself.
   @most_free 65_536
@@ -58,7 +60,7 @@ defmodule BB.Parameter.Store.Log.Format do
       header(size, generation, length(base)),
       frames,
       ending(end_at, values),
-      zeros(size - end_at - @end_size)
+      :binary.copy(@filling, size - end_at - @end_size)
     ]
 
     reading = %Reading{generation: generation, base: length(base), values: values}
@@ -116,16 +118,14 @@ defmodule BB.Parameter.Store.Log.Format do
   defp encode({key, data}),
     do: <<byte_size(key)::32, byte_size(data)::32, key::binary, data::binary>>
 
-  # It ends in a byte that is not zero: behind a write that was broken off stand the zeros of
-  # before.
+  # It ends in a byte that is not the filling's: behind a write that was broken off stands the
+  # filling of before.
   defp ending(at, before) do
     head = <<@end_magic, before::32>>
     <<head::binary, crc(at, head)::32, ".">>
   end
 
   defp crc(at, bytes), do: :erlang.crc32(:erlang.crc32(<<at::32>>), bytes)
-
-  defp zeros(count), do: :binary.copy(<<0>>, count)
 
   # Most of a new file is free, so that few changes need another.
   defp size_for(used) do
@@ -247,15 +247,24 @@ defmodule BB.Parameter.Store.Log.Format do
 
   # The frame before it was written as a whole.
   defp torn_end?(tail, ending) do
-    written = String.trim_trailing(tail, <<0>>)
+    written = binary_part(tail, 0, used(tail))
     written != "" and String.starts_with?(ending, written)
   end
 
   # How many bytes were written, before there stand those that stood there before: the old end,
-  # and zeros.
+  # and the filling.
   defp written(tail, old_end) do
-    used = byte_size(String.trim_trailing(tail, <<0>>))
+    used = used(tail)
     if used > @end_size, do: used, else: changed(tail, old_end)
+  end
+
+  # How many bytes stand before the filling.
+  defp used(tail), do: used(tail, byte_size(tail))
+
+  defp used(_tail, 0), do: 0
+
+  defp used(tail, size) do
+    if binary_part(tail, size - 1, 1) == @filling, do: used(tail, size - 1), else: size
   end
 
   defp changed(tail, old_end) do

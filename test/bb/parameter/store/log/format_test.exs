@@ -99,14 +99,16 @@ defmodule BB.Parameter.Store.Log.FormatTest do
       end
     end
 
-    test "by zeros from any byte on is told, unless it looks like a write that was broken off" do
-      {bytes, tail} = file(@base, @first, @changes)
+    for {what, byte} <- [{"zeros", 0x00}, {"what erased memory holds", 0xFF}] do
+      test "by #{what} from any byte on is told, and is no write that was broken off" do
+        {bytes, tail} = file(@base, @first, @changes)
 
-      for at <- 0..(tail.end_at - 1) do
-        reading = read!(binary_part(bytes, 0, at) <> :binary.copy(<<0>>, byte_size(bytes) - at))
-        unless reading.torn?, do: assert_honest(reading, "zeros from #{at} on")
-        assert subsequence?(reading.entries, all())
-        if "set!" == binary_part(bytes, at, 4), do: refute(reading.torn?)
+        for at <- 0..(tail.end_at - 1) do
+          lost = :binary.copy(<<unquote(byte)>>, byte_size(bytes) - at)
+          reading = read!(binary_part(bytes, 0, at) <> lost)
+          assert reading.damaged?, "from #{at} on"
+          assert_honest(reading, "from #{at} on")
+        end
       end
     end
 
@@ -188,9 +190,9 @@ defmodule BB.Parameter.Store.Log.FormatTest do
       end
     end
 
-    test "of values that end in zeros is not accepted without its end" do
+    test "of values that end as the filling does is not accepted without its end" do
       {before, reading} = file(@base, @first, [])
-      {:ok, write, _} = Format.append(reading, [{"z", :binary.copy(<<0>>, 100)}])
+      {:ok, write, _} = Format.append(reading, [{"z", :binary.copy(<<:binary.last(before)>>, 100)}])
       write = IO.iodata_to_binary(write)
 
       for size <- 1..(byte_size(write) - 14) do
