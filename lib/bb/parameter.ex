@@ -170,7 +170,8 @@ defmodule BB.Parameter do
   @spec resolve(module(), term()) :: term()
   def resolve(robot, fields), do: Reference.resolve(fields, &get!(robot, &1))
 
-  defp change!({[_ | _] = path, value}), do: {path, value}
+  # The length of an improper list is none.
+  defp change!({path, value}) when length(path) > 0, do: {path, value}
 
   defp change!(other) do
     raise ArgumentError,

@@ -134,6 +134,24 @@ defmodule BB.ParameterTest do
           do: assert(Parameter.set(robot, path, 1) == {:error, {:unregistered_parameter, path}})
     end
 
+    test "of what is no path raises for the caller alone" do
+      robot = start_tunable()
+      processes = for {id, pid, _, _} <- Supervisor.which_children(robot), do: {id, pid}
+
+      for wrong <- [[:debug | :x], [:debug, :x | nil], [], :debug, nil, "debug"] do
+        assert_raise ArgumentError, ~r/with a path such as/, fn ->
+          Parameter.set(robot, wrong, true)
+        end
+
+        assert_raise ArgumentError, ~r/with a path such as/, fn ->
+          Parameter.set_many(robot, [{[:debug], true}, {wrong, true}])
+        end
+      end
+
+      assert Parameter.get!(robot, [:debug]) == false
+      assert processes == for({id, pid, _, _} <- Supervisor.which_children(robot), do: {id, pid})
+    end
+
     test "of a value that does not fit is {:error, %ValidationError{}} and changes nothing" do
       robot = start_tunable()
       {:ok, _} = BB.subscribe(robot, [:param])

@@ -10,6 +10,11 @@ defmodule BB.Component.Declared do
   alias BB.{Callback, Component, Parameter}
   alias BB.Component.{Checked, Resolution}
 
+  # Who computes with a rate divides by it. A sensor that publishes less than once in a day has
+  # none.
+  @least_hz 0.00001
+  @most_hz 1_000_000_000
+
   @doc "The rates in Hz of components of a robot, in their order; `nil` where one declares none."
   @spec rates(module(), [Component.t()]) :: [number() | nil]
   def rates(robot, components) do
@@ -56,7 +61,7 @@ defmodule BB.Component.Declared do
   defp start({:ok, options}, %{module: module}) do
     Callback.start({module, :rate, [options]},
       accept: &rate_hz/1,
-      expected: "a number of Hz, or nil",
+      expected: "a number of Hz from #{@least_hz} to #{@most_hz}, or nil",
       instead: "health shows no declared rate"
     )
   end
@@ -78,7 +83,11 @@ defmodule BB.Component.Declared do
 
   @doc false
   @spec rate_hz(term()) :: {:ok, number() | nil} | :error
-  def rate_hz(rate_hz) when is_number(rate_hz) or is_nil(rate_hz), do: {:ok, rate_hz}
+  def rate_hz(nil), do: {:ok, nil}
+
+  def rate_hz(rate_hz) when is_number(rate_hz) and rate_hz >= @least_hz and rate_hz <= @most_hz,
+    do: {:ok, rate_hz}
+
   def rate_hz(_other), do: :error
 
   # What is kept

@@ -195,6 +195,18 @@ defmodule BB.Firmware.GuardTest do
     end
   end
 
+  for hz <- [0, -5, -0.5, 1.0e-308, 1.0e308, Bitwise.bsl(1, 10_000), "50", {:ok, 50}] do
+    test "firmware with a required sensor that declares #{inspect(hz) |> String.slice(0, 9)} Hz " <>
+           "is validated, and health shows no such rate",
+         context do
+      robot = slow_robot([], Macro.escape(hz: unquote(Macro.escape(hz))))
+      start_supervised!(robot)
+      {_, _} = guard(context, robot, fresh_ms: 10_000, stability_ms: 700)
+      assert_receive {Memory, :validate}, 30_000
+      assert %{declared_hz: nil} = health(robot, :slow)
+    end
+  end
+
   test "a required sensor that is slow and says nothing is not good", context do
     robot = slow_robot([max_silence: BB.Unit.new!(5, :second)], silent: true)
     start_supervised!(robot)
