@@ -5,6 +5,7 @@ defmodule Ganglion.ApplicationTest do
   import BB.Test.Eventually
   import BB.Test.Robot
 
+  alias BB.Bus.I2C
   alias BB.Safety
   alias BB.Test.{Application, Brake}
 
@@ -39,6 +40,15 @@ defmodule Ganglion.ApplicationTest do
       end
   ]
 
+  defmodule Wires do
+    @moduledoc "The wires of a bus, which do not end with the application."
+
+    def open(name, _opts), do: {:ok, name}
+    def close(_bus), do: :ok
+    def write(_bus, 0x40, <<0>>, _opts), do: :ok
+    def write_read(_bus, 0x40, <<0>>, 1, _opts), do: {:ok, <<0>>}
+  end
+
   setup do
     on_exit(&Application.restore/0)
   end
@@ -52,6 +62,9 @@ defmodule Ganglion.ApplicationTest do
       end
     end
   end
+
+  defp kill_supervisor, do: Application.kill(Process.whereis(Ganglion.Supervisor))
+  defp kill_host, do: Application.kill(Application.host())
 
   # A robot that another application might have started: with a handler and a voucher of its own
   # outside of its tree.
@@ -157,6 +170,44 @@ defmodule Ganglion.ApplicationTest do
       assert eventually(fn -> Enum.all?(@always ++ @safety, &Process.whereis/1) end, 30_000)
       assert_watched(outside)
       assert Process.whereis(Ganglion.Supervisor) == application
+    end
+
+    # Where the bus is opened by the handler, or had been before by another process.
+    for opened <- [:anew, :before] do
+      test "is made safe over its bus (opened #{opened}) however the application ends" do
+        for {how, ending} <- [
+              kill: &kill_supervisor/0,
+              host: &kill_host/0,
+              stop: &Application.stop/0
+            ] do
+          outside = outside()
+          bus = "bus of #{inspect(outside.robot)}"
+          {:ok, before} = I2C.open(bus, backend: Wires)
+
+          open = fn ->
+            if unquote(opened) == :anew, do: I2C.open(bus, backend: Wires), else: {:ok, before}
+          end
+
+          Brake.script(outside.robot, @a,
+            disarm: fn _opts ->
+              with {:ok, wires} <- open.(),
+                   # As long as it takes the application's processes to end.
+                   :ok <- Process.sleep(:rand.uniform(20) - 1),
+                   :ok <- I2C.write(wires, 0x40, <<0>>),
+                   {:ok, <<0>>} <- I2C.write_read(wires, 0x40, <<0>>, 1),
+                   do: I2C.close(wires)
+            end
+          )
+
+          ending.()
+          Application.await_end()
+          assert eventually(fn -> Safety.state(outside.robot) != :armed end, 30_000)
+          assert eventually(fn -> Safety.state(outside.robot) != :disarming end, 30_000)
+          assert {how, Safety.state(outside.robot)} == {how, :disarmed}
+          assert runs(outside.robot) == {1, 1}
+          Application.start()
+        end
+      end
     end
 
     test "is watched when all of safety is killed at once" do

@@ -19,6 +19,9 @@ defmodule BB.Bus.I2C do
     on up to every 100 ms until somebody answers. While it is down calls fail at once.
   - One device that always times out costs the others its timeout, and does not take the bus from them.
 
+  When the application has ended, buses can be opened and used all the same, though nothing is
+  shared then: a `disarm/1` makes hardware safe also at that moment.
+
   ## Errors
 
   Those of the backend, which for `Circuits.I2C` are

@@ -7,6 +7,9 @@ defmodule BB.Bus.I2C.Server do
 
   Without handles it ends, unless there is trouble to remember: then it waits a while for its sensors to come back, so that those which are
   started again one after the other still count as the ones of one bus.
+
+  When the application has ended, however it did, somebody may still have to make hardware safe. Then each handle has a process of its own,
+  which no other shares and no health shows.
   """
   use GenServer, restart: :temporary
   use BB.Process.Tolerant
@@ -18,6 +21,10 @@ defmodule BB.Bus.I2C.Server do
 
   @timeouts_ms 20..50
   @linger_ms 5_000
+
+  # So long the buses may take to be restarted.
+  @again_ms 5
+  @tries 10
   @bad_file_descriptor 9
   @ns_per_ms 1_000_000
 
@@ -26,26 +33,61 @@ defmodule BB.Bus.I2C.Server do
 
   @doc false
   def start_link({key, clock}),
-    do: GenServer.start_link(__MODULE__, {key, clock}, name: via(key))
+    do: GenServer.start_link(__MODULE__, {key, clock, :shared}, name: via(key))
 
   @doc "Opens a bus for the caller; its process is started where there is none."
   @spec open(key(), %{timeout: integer(), retries: non_neg_integer(), clock: BB.Clock.t()}) ::
           {:ok, Handle.t()} | {:error, term()}
-  def open({_backend, name} = key, opts) do
-    pid = server(key, opts.clock)
+  def open(key, opts), do: open(key, opts, @tries)
 
-    case call(pid, {:open, timeout_ms(opts.timeout)}) do
-      {:ok, ref} -> {:ok, %Handle{name: name, pid: pid, ref: ref, retries: opts.retries}}
-      {:error, reason} -> {:error, reason}
-      :gone -> open(key, opts)
+  defp open({backend, name} = key, opts, tries) do
+    timeout_ms = timeout_ms(opts.timeout)
+
+    with {:ok, pid} <- server(key, opts.clock, tries),
+         {:ok, ref} <- call(pid, {:open, timeout_ms}) do
+      {:ok,
+       %Handle{
+         name: name,
+         backend: backend,
+         timeout_ms: timeout_ms,
+         pid: pid,
+         ref: ref,
+         retries: opts.retries
+       }}
+    else
+      {:error, reason} ->
+        {:error, reason}
+
+      :gone ->
+        open(key, opts, tries)
+
+      :away ->
+        Process.sleep(@again_ms)
+        open(key, opts, tries - 1)
     end
   end
 
   @doc "Makes a transfer: a function of the backend, with the bus and the address before `arguments`."
   @spec transfer(Handle.t(), atom(), term(), [term()]) :: term()
   def transfer(handle, function, address, arguments) do
-    with :gone <- call(handle.pid, {:transfer, handle.ref, {function, address, arguments}}),
-         do: {:error, {:errno, @bad_file_descriptor}}
+    transfer = {function, address, arguments}
+
+    with :gone <- call(handle.pid, {:transfer, handle.ref, transfer}) do
+      if Buses.state() == :running,
+        do: {:error, {:errno, @bad_file_descriptor}},
+        else: transfer_alone(handle, transfer)
+    end
+  end
+
+  # What ended was not the handle but the bus.
+  defp transfer_alone(handle, transfer) do
+    {:ok, pid} = start_alone({handle.backend, handle.name}, :real)
+
+    with {:ok, ref} <- call(pid, {:open, handle.timeout_ms}) do
+      answer = call(pid, {:transfer, ref, transfer})
+      close(%{handle | pid: pid, ref: ref})
+      answer
+    end
   end
 
   @doc "Closes a handle."
@@ -61,14 +103,32 @@ defmodule BB.Bus.I2C.Server do
 
   defp via(key), do: {:via, Registry, {Buses.registry(), key}}
 
-  defp server(key, clock) do
+  defp server(key, clock, 0), do: start_alone(key, clock)
+
+  defp server(key, clock, _tries) do
+    case Buses.state() do
+      :running -> shared(key, clock)
+      :restarting -> :away
+      :ending -> start_alone(key, clock)
+    end
+  end
+
+  defp start_alone(key, clock), do: GenServer.start(__MODULE__, {key, clock, :alone})
+
+  defp shared(key, clock) do
     with [] <- Registry.lookup(Buses.registry(), key),
          {:ok, pid} <- Buses.start_server(key, clock) do
-      pid
+      {:ok, pid}
     else
-      [{pid, _row}] -> pid
-      {:error, {:already_started, pid}} -> pid
+      [{pid, _row}] -> {:ok, pid}
+      {:error, {:already_started, pid}} -> {:ok, pid}
+      # Its registry or its supervisor ends in this moment.
+      {:error, _ended} -> :away
     end
+  rescue
+    ArgumentError -> :away
+  catch
+    :exit, _ended -> :away
   end
 
   # What the backend raises is the caller's mistake.
@@ -85,10 +145,11 @@ defmodule BB.Bus.I2C.Server do
   defp timeout_ms(timeout), do: timeout |> max(@timeouts_ms.first) |> min(@timeouts_ms.last)
 
   @impl GenServer
-  def init({{backend, name} = key, clock}) do
+  def init({{backend, name} = key, clock, how}) do
     {:ok,
      %{
        key: key,
+       shared?: how == :shared,
        backend: backend,
        name: name,
        clock: clock,
@@ -135,9 +196,14 @@ defmodule BB.Bus.I2C.Server do
   @impl GenServer
   def handle_continue(:remain, state) do
     cond do
-      state.handles != %{} -> {:noreply, tell(state)}
-      Condition.troubled?(state.condition) -> {:noreply, state |> linger() |> tell()}
-      true -> {:stop, :normal, close_backend(state)}
+      state.handles != %{} ->
+        {:noreply, tell(state)}
+
+      state.shared? and Condition.troubled?(state.condition) ->
+        {:noreply, state |> linger() |> tell()}
+
+      true ->
+        {:stop, :normal, close_backend(state)}
     end
   end
 
@@ -260,6 +326,8 @@ defmodule BB.Bus.I2C.Server do
   defp linger(state), do: state
 
   # What is known of the bus.
+
+  defp tell(%{shared?: false} = state), do: state
 
   defp tell(state) do
     {_, _} = Registry.update_value(Buses.registry(), state.key, fn _ -> row(state) end)

@@ -25,6 +25,26 @@ defmodule BB.Bus.I2C.Supervisor do
   @spec registry() :: module()
   def registry, do: @registry
 
+  @doc """
+  Whether bus processes can be had: `:restarting` is over in a moment, unless the application has
+  ended, and `:ending` is not, as what stands above them has died.
+  """
+  @spec state() :: :running | :restarting | :ending
+  def state do
+    servers = Process.whereis(@servers)
+
+    case servers && Process.info(servers, :dictionary) do
+      {:dictionary, dictionary} -> if orphan?(dictionary), do: :ending, else: :running
+      nil -> :restarting
+    end
+  end
+
+  defp orphan?(dictionary),
+    do: dictionary |> Keyword.get(:"$ancestors", []) |> Enum.any?(&(not living?(&1)))
+
+  defp living?(name) when is_atom(name), do: Process.whereis(name) != nil
+  defp living?(pid), do: Process.alive?(pid)
+
   @doc "Starts the process of a bus."
   @spec start_server(Server.key(), BB.Clock.t()) :: DynamicSupervisor.on_start_child()
   def start_server(key, clock),
