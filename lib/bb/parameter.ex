@@ -111,7 +111,11 @@ defmodule BB.Parameter do
   """
   @spec set_many(module(), [{path(), term()}] | %{path() => term()}) ::
           :ok | {:error, [{path(), reason()}] | not_kept()}
-  def set_many(robot, changes), do: Owner.call(robot, {:set, Enum.map(changes, &change!/1)})
+  def set_many(robot, changes) do
+    changes = Enum.map(changes, &change!/1)
+    # A wrong value is shown in the error, by code of its module's: it is found out here.
+    with :ok <- Owner.check_values(robot, changes), do: Owner.call(robot, {:set, changes})
+  end
 
   @doc """
   The parameters at or below `prefix:` (all by default) in the order of their paths, each with its value, type, bounds, documentation

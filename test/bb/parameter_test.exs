@@ -134,6 +134,34 @@ defmodule BB.ParameterTest do
           do: assert(Parameter.set(robot, path, 1) == {:error, {:unregistered_parameter, path}})
     end
 
+    for {what, how} <- [
+          raise: quote(do: raise("shy")),
+          throw: quote(do: throw(:shy)),
+          kill: quote(do: Process.exit(self(), :kill)),
+          hang: quote(do: Process.sleep(:infinity))
+        ] do
+      test "of a value that cannot be shown (#{what}) hurts the caller alone" do
+        robot = start_tunable()
+        processes = for {id, pid, _, _} <- Supervisor.which_children(robot), do: {id, pid}
+        test = self()
+
+        shy = %BB.Test.Mischief.Shy{
+          how: fn ->
+            send(test, :shown)
+            unquote(how)
+          end
+        }
+
+        caller = spawn(fn -> Parameter.set(robot, [:imu, :filter, :gain], shy) end)
+        assert_receive :shown, 30_000
+        assert Parameter.set(robot, [:imu, :filter, :gain], 0.25) == :ok
+        Process.exit(caller, :kill)
+
+        assert processes ==
+                 for({id, pid, _, _} <- Supervisor.which_children(robot), do: {id, pid})
+      end
+    end
+
     test "of what is no path raises for the caller alone" do
       robot = start_tunable()
       processes = for {id, pid, _, _} <- Supervisor.which_children(robot), do: {id, pid}

@@ -33,6 +33,24 @@ defmodule BB.Parameter.Owner do
     end
   end
 
+  @doc """
+  Finds values that do not fit, in the calling process: `{:error, [{path, reason}]}`. How a value
+  is shown may be code of others.
+  """
+  @spec check_values(module(), [{BB.Parameter.path(), term()}]) ::
+          :ok | {:error, [{BB.Parameter.path(), term()}]}
+  def check_values(robot, changes) do
+    case check(robot, changes) do
+      {:ok, _values} ->
+        :ok
+
+      # Whether there is a parameter the owner knows, also while the robot starts.
+      {:error, errors} ->
+        wrong? = Enum.any?(errors, fn {_path, reason} -> is_exception(reason) end)
+        if wrong?, do: {:error, errors}, else: :ok
+    end
+  end
+
   defp name(robot), do: Module.concat(robot, ParameterOwner)
 
   @impl GenServer
@@ -48,7 +66,7 @@ defmodule BB.Parameter.Owner do
 
   @impl GenServer
   def handle_call({:set, changes}, from, owner) do
-    case check(owner, changes) do
+    case check(owner.robot, changes) do
       {:ok, values} -> set(owner, from, values)
       {:error, errors} -> {:reply, {:error, errors}, owner}
     end
@@ -79,8 +97,8 @@ defmodule BB.Parameter.Owner do
 
   # Setting
 
-  defp check(owner, changes) do
-    checked = for {path, value} <- changes, do: {path, cast(owner, path, value)}
+  defp check(robot, changes) do
+    checked = for {path, value} <- changes, do: {path, cast(robot, path, value)}
 
     case for {path, {:error, reason}} <- checked, do: {path, reason} do
       [] -> {:ok, Map.new(checked, fn {path, {:ok, value}} -> {path, value} end)}
@@ -88,16 +106,16 @@ defmodule BB.Parameter.Owner do
     end
   end
 
-  defp cast(owner, path, value) do
-    case Table.fetch_definition(owner.robot, path) do
+  defp cast(robot, path, value) do
+    case Table.fetch_definition(robot, path) do
       {:ok, definition} -> Definition.cast(definition, value)
-      :error -> {:error, no_parameter(owner, path)}
+      :error -> {:error, no_parameter(robot, path)}
     end
   end
 
-  defp no_parameter(owner, path) do
+  defp no_parameter(robot, path) do
     above = Enum.drop(path, -1)
-    group? = Enum.any?(Table.definitions(owner.robot), &(Enum.drop(&1.path, -1) == above))
+    group? = Enum.any?(Table.definitions(robot), &(Enum.drop(&1.path, -1) == above))
 
     if group?,
       do: {:unknown_parameter, List.last(path)},

@@ -192,7 +192,10 @@ defmodule BB.Parameter.Store.Log.FormatTest do
 
     test "of values that end as the filling does is not accepted without its end" do
       {before, reading} = file(@base, @first, [])
-      {:ok, write, _} = Format.append(reading, [{"z", :binary.copy(<<:binary.last(before)>>, 100)}])
+
+      {:ok, write, _} =
+        Format.append(reading, [{"z", :binary.copy(<<:binary.last(before)>>, 100)}])
+
       write = IO.iodata_to_binary(write)
 
       for size <- 1..(byte_size(write) - 14) do
