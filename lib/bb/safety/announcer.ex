@@ -13,7 +13,7 @@ defmodule BB.Safety.Announcer do
     publish(robot, from, to)
     metadata = %{robot: robot, from: from, to: to, epoch: epoch}
     measurements = %{system_time: System.system_time()}
-    Telemetry.emit([:bb, :safety, :transition], measurements, metadata, apart: true)
+    emit([:bb, :safety, :transition], measurements, metadata)
   end
 
   @doc "Tells that a disarming began."
@@ -21,11 +21,10 @@ defmodule BB.Safety.Announcer do
   def began(robot, round) do
     log_cause(robot, round.cause)
 
-    Telemetry.emit(
+    emit(
       [:bb, :safety, :disarm, :start],
       %{monotonic_time: round.started, system_time: System.system_time()},
-      metadata(robot, round),
-      apart: true
+      metadata(robot, round)
     )
   end
 
@@ -38,11 +37,10 @@ defmodule BB.Safety.Announcer do
     now = System.monotonic_time()
     metadata = robot |> metadata(round) |> Map.put(:failures, failures)
 
-    Telemetry.emit(
+    emit(
       [:bb, :safety, :disarm, :stop],
       %{duration: now - round.started, monotonic_time: now},
-      metadata,
-      apart: true
+      metadata
     )
   end
 
@@ -66,6 +64,28 @@ defmodule BB.Safety.Announcer do
   defp how({:returned_error, reason}), do: "returned {:error, #{inspect(reason)}}"
   defp how({:throw, value}), do: "threw #{inspect(value)}"
   defp how({:exit, reason}), do: "exited: #{Exception.format_exit(reason)}"
+
+  # Handlers of telemetry may hang, and the warden waits for none of them: whom it watches may die
+  # at any moment. Each event is told by a process of its own, after the one before it.
+  defp emit(event, measurements, metadata) do
+    before = Process.get(__MODULE__)
+
+    teller =
+      spawn(fn ->
+        await_end(before)
+        Telemetry.emit(event, measurements, metadata, apart: true)
+      end)
+
+    Process.put(__MODULE__, teller)
+    :ok
+  end
+
+  defp await_end(nil), do: :ok
+
+  defp await_end(pid) do
+    ref = Process.monitor(pid)
+    receive do: ({:DOWN, ^ref, :process, ^pid, _reason} -> :ok)
+  end
 
   defp metadata(robot, round),
     do: %{robot: robot, cause: round.cause, telemetry_span_context: {robot, round.id}}

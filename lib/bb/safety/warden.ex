@@ -4,9 +4,8 @@ defmodule BB.Safety.Warden do
   processes and watches them.
 
   It holds nothing that is not in `BB.Safety.Table`: one that is killed has a successor, which
-  goes on where it stopped, also in the midst of a disarming. It calls no code of a user's but
-  telemetry handlers, after a disarming has begun; `disarm/1` callbacks run in processes of their
-  own.
+  goes on where it stopped, also in the midst of a disarming. It calls no code of a user's:
+  telemetry handlers and `disarm/1` callbacks run in processes of their own.
 
   It is there from the start of the robot until the robot has ended and is disarmed. Whom it
   watches follows from the tables alone (`attend/1`), by whatever way it or those whom it watches

@@ -366,6 +366,32 @@ defmodule BB.Safety.WardenTest do
     assert Task.await(disarming, :infinity) == :ok
   end
 
+  test "handlers of telemetry that hang at the arming hold up no disarming" do
+    {robot, _root} = start()
+    test = self()
+
+    hang = fn _event, _measurements, metadata, n ->
+      if metadata.robot == robot do
+        send(test, {:hangs, n})
+        Process.sleep(:infinity)
+      end
+    end
+
+    # Each may take a second. The last one is still to come when the first one hangs.
+    for n <- 1..10 do
+      :ok = BB.Telemetry.attach({robot, n}, [:bb, :safety, :transition], hang, n)
+      on_exit(fn -> BB.Telemetry.detach({robot, n}) end)
+    end
+
+    arming = Task.async(fn -> Safety.arm(robot) end)
+    assert_receive {:hangs, first}, 30_000
+    assert Safety.disarm(robot) == :ok
+    assert runs(robot) == {1, 1}
+    last = 11 - first
+    refute_received {:hangs, ^last}
+    assert Task.await(arming, 60_000) == :ok
+  end
+
   describe "the state survives a crash of the safety process:" do
     test "armed stays armed, with handlers, epoch and what inhibits arming" do
       {robot, _root} = start()
