@@ -58,7 +58,7 @@ defmodule BB.Sensor do
   use BB.Component.Kind, word: :sensor
 
   alias BB.{Message, Parameter, PubSub, Transmission}
-  alias BB.Component.{Health, Pulse, Reason}
+  alias BB.Component.{Health, Pulse, Reason, Server}
   alias BB.Message.Sensor.JointState
   alias BB.Sensor.SensorProfile
 
@@ -95,6 +95,15 @@ defmodule BB.Sensor do
   """
   @spec beat(integer()) :: :ok
   def beat(time_ns \\ System.monotonic_time(:nanosecond)), do: Pulse.beat(time_ns)
+
+  @doc """
+  Says, in the sensor's own process, that something is wrong although the sensor goes on.
+
+  The reason is the `last_error` of its `health/1` row then, and in the words of `c:explain/1` its
+  `error`; its state stays what it is. Say it once, not with each message.
+  """
+  @spec trouble(reason :: term()) :: :ok
+  defdelegate trouble(reason), to: Server
 
   @doc "How long the sensor of the calling process may be silent, in nanoseconds; `nil` for ever."
   @spec max_silence_ns() :: pos_integer() | nil

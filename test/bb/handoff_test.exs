@@ -15,6 +15,14 @@ defmodule BB.HandoffTest do
 
   doctest BB.Handoff.Content
 
+  defmodule Large do
+    @moduledoc "Messages that are lent, for they are too large to be copied."
+    @behaviour BB.Handoff.Encoding
+    def content, do: "test/large"
+    def payload, do: BB.Message.Sensor.Imu
+    def encode(_message), do: :binary.copy(<<7>>, 70_000)
+  end
+
   @path [:sensor, :base_link, :imu]
 
   defp outlet_robot(topic, opts \\ []) do
@@ -70,6 +78,63 @@ defmodule BB.HandoffTest do
       end
 
       assert {:ok, %{published: 5, too_large: 0, held: 0}} = BB.Handoff.stats(robot, :outlet)
+    end
+
+    test "whose topic's file is removed goes on, and its health says what happened" do
+      topic = topic()
+      robot = start_up!(outlet_robot(topic), :outlet)
+      %{pid: pid} = health(robot, :outlet)
+      file = Path.join(System.get_env("CONDUIT_RING_DIR", "/dev/shm"), "conduit_" <> topic)
+
+      assert capture_log(fn ->
+               File.rm!(file)
+               eventually(fn -> health(robot, :outlet).last_error == {:file_renewed, topic} end)
+             end) =~ "somebody removed the file of the topic #{topic}; it was made anew"
+
+      assert %{state: :up, pid: ^pid, restarts: 0, reason: nil, error: error} =
+               health(robot, :outlet)
+
+      assert error =~ topic and error =~ "made anew"
+    end
+
+    test "names in its health who holds a slot for longer than the ring goes round" do
+      topic = topic()
+
+      robot =
+        start_up!(outlet_robot(topic, slot_count: 4, slot_size: 80_000, encoding: Large), :outlet)
+
+      {:ok, ring} = Subscriber.open(topic)
+      test = self()
+
+      carry = fn -> BB.publish(robot, @path, imu(1.0)) end
+      carry.()
+      # The first lease of a subscription may have to be a copy.
+      eventually(fn -> Subscriber.with_frame(ring, fn _frame -> :ok end) == {:ok, :ok} end)
+
+      carry.()
+      hold = fn -> Subscriber.with_frame(ring, fn _frame -> held(test) end) end
+      holder = Task.async(fn -> eventually(fn -> hold.() != {:error, :empty} end) end)
+      assert_receive {:held, held}, 30_000
+
+      own = String.to_integer(System.pid())
+
+      assert capture_log(fn ->
+               eventually(fn ->
+                 for _ <- 1..8, do: carry.()
+                 health(robot, :outlet).last_error == {:held, topic, [own]}
+               end)
+             end) =~ "process #{own} held messages of the topic #{topic}"
+
+      send(held, :let_go)
+      Task.await(holder, :infinity)
+      assert %{state: :up, restarts: 0, error: error} = health(robot, :outlet)
+      assert error =~ "process #{own}"
+      assert error =~ topic
+    end
+
+    defp held(test) do
+      send(test, {:held, self()})
+      receive do: (:let_go -> :ok)
     end
 
     test "leaves messages of other payloads alone" do

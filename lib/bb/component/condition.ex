@@ -79,6 +79,10 @@ defmodule BB.Component.Condition do
   @spec silent(t(), term(), integer()) :: t()
   def silent(condition, reason, now_ns), do: enter(condition, :stale, reason, now_ns)
 
+  @doc "It goes on, and something is wrong all the same."
+  @spec troubled(t(), term()) :: t()
+  def troubled(condition, reason), do: %{condition | last_error: Reason.plain(reason)}
+
   @doc "It published something."
   @spec heard(t(), integer()) :: t()
   def heard(%{state: :stale, up_since_ns: up_since_ns} = condition, now_ns)

@@ -14,7 +14,7 @@ defmodule BB.Component.Health do
 
     * `state`, and `since`, the monotonic time in nanoseconds at which it entered that
     * `pid`, `nil` while it is down; `restarts` since the robot was started; `retry_in_ms` as it was when it went down
-    * `reason`: why it is not up; `last_error`: the latest such reason, also after it is up again, `nil` when there was none; `error`: the last error in the words of its module
+    * `reason`: why it is not up; `last_error`: the latest such reason, also after it is up again, or what was wrong while it went on (`BB.Sensor.trouble/1`), `nil` when there was none; `error`: the last error in the words of its module
     * `rate_hz`: messages a second on its path, over the last sixteen, falling once the next is overdue; `nil` before the first, and of what publishes elsewhere
     * `declared_hz`: messages a second as the module says for its options (`c:BB.Sensor.rate/1`), `nil` where it does not
     * `age_ns`: how old its last message is, `nil` before the first

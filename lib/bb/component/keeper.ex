@@ -115,6 +115,9 @@ defmodule BB.Component.Keeper do
   def handle_info({Server, pid, {:stopping, _reason}}, %{server: pid} = keeper),
     do: noreply(%{keeper | stopping?: true})
 
+  def handle_info({Server, pid, {:trouble, reason}}, %{server: pid} = keeper),
+    do: keeper |> become(Condition.troubled(keeper.condition, reason)) |> noreply()
+
   def handle_info({:EXIT, pid, reason}, %{server: pid} = keeper),
     do: %{keeper | server: nil, ready?: false, watch: nil} |> ended(reason) |> noreply()
 

@@ -49,12 +49,13 @@ defmodule BB.Component.Server do
 
   @typedoc """
   What a keeper hears: `:up` when `init/1` is done, `{:stopping, reason}` before a callback's `{:stop, reason, state}` is
-  carried out. Then comes the exit; `{:shutdown, {BB.Component.Server, outcome}}` is that of an `init/1` which returned
+  carried out, `{:trouble, reason}` for what is wrong although it goes on (`trouble/1`). Then comes the exit; `{:shutdown, {BB.Component.Server, outcome}}` is that of an `init/1` which returned
   `{:stop, reason}` (outcome `{:absent, reason}`) or `:ignore` (`:ignored`).
   """
-  @type report :: {__MODULE__, pid(), :up | {:stopping, term()}}
+  @type report :: {__MODULE__, pid(), :up | {:stopping, term()} | {:trouble, term()}}
 
   @start {__MODULE__, :start}
+  @keeper {__MODULE__, :keeper}
   @own [:__callback_module__, :__kind__, :__keeper__, :__pulse__, :bb]
 
   @doc "Starts a component and registers it under its name while its robot runs."
@@ -62,6 +63,14 @@ defmodule BB.Component.Server do
   def start_link(args) do
     %{robot: robot, path: path} = Keyword.fetch!(args, :bb)
     GenServer.start_link(__MODULE__, args, name(robot, List.last(path)))
+  end
+
+  @doc "Tells the keeper of the calling component, if it has one, what is wrong although it goes on."
+  @spec trouble(term()) :: :ok
+  def trouble(reason) do
+    keeper = Process.get(@keeper)
+    _ = if keeper, do: send(keeper, {__MODULE__, self(), {:trouble, Callback.showable(reason)}})
+    :ok
   end
 
   defp name(robot, name) do
@@ -78,6 +87,7 @@ defmodule BB.Component.Server do
     kind = Keyword.fetch!(own, :__kind__)
     bb = Map.take(Keyword.fetch!(own, :bb), [:robot, :path])
     Pulse.adopt(own[:__pulse__])
+    _ = if own[:__keeper__], do: Process.put(@keeper, own[:__keeper__])
 
     server = %__MODULE__{
       module: module,

@@ -39,7 +39,9 @@ defmodule BB.Handoff.Outlet do
   for it, and that it misses some is logged.
 
   `BB.Handoff.stats/2` gives `%{published: n, too_large: n, held: n}`. A message longer than a slot is counted, and the first one is logged. `held`
-  counts the messages that were dropped since subscribers held all slots. When somebody removes the topic's file, it is made anew and that is logged.
+  counts the messages that were dropped since subscribers held all slots. When somebody removes the topic's file, it is made anew. That, and a
+  process that holds a message for so long that the topic has to pass its slot over, is logged and told by `BB.Sensor.health/1`:
+  `last_error` is `{:file_renewed, topic}` or `{:held, topic, os_pids}` and `error` has it in words, while the outlet goes on.
 
   `max_silence` is about what it carries: an outlet is `:stale` when it has published nothing on
   its topic for so long.
@@ -57,6 +59,9 @@ defmodule BB.Handoff.Outlet do
   alias BB.Ring.Publisher
 
   @most_waiting 4_096
+
+  # How often those who hold slots are looked for while messages are published, in milliseconds.
+  @look_ms 1_000
 
   require Logger
 
@@ -77,7 +82,10 @@ defmodule BB.Handoff.Outlet do
          published: 0,
          too_large: 0,
          held: 0,
-         missed: 0
+         missed: 0,
+         passed_over: 0,
+         holders: [],
+         looked_at: now_ms()
        }}
     else
       {:error, reason} -> {:stop, {:ring, reason}}
@@ -86,6 +94,8 @@ defmodule BB.Handoff.Outlet do
 
   @impl BB.Sensor
   def handle_info({:bb, _path, message}, state) do
+    state = look_for_holders(state, now_ms())
+
     case Publisher.publish(state.publisher, state.encoding.encode(message)) do
       :ok -> {:noreply, count_published(state)}
       {:error, :message_too_large} -> {:noreply, count_too_large(state)}
@@ -97,10 +107,7 @@ defmodule BB.Handoff.Outlet do
   def handle_info({:bb_missed, _path, count}, state), do: {:noreply, count_missed(state, count)}
 
   def handle_info({:bb_ring_publisher, topic, :renewed}, state) do
-    Logger.warning(
-      "#{List.last(state.path)}: somebody removed the file of the topic #{topic}; it was made anew"
-    )
-
+    tell(state, {:file_renewed, topic})
     {:noreply, state}
   end
 
@@ -118,6 +125,14 @@ defmodule BB.Handoff.Outlet do
   @impl BB.Sensor
   def explain({:ring, reason}), do: BB.Ring.format_error(reason)
 
+  def explain({:file_renewed, topic}),
+    do: "somebody removed the file of the topic #{topic}; it was made anew"
+
+  def explain({:held, topic, os_pids}) do
+    "#{processes(os_pids)} held messages of the topic #{topic} for longer than its slots last, " <>
+      "which costs others messages: look whether that hangs, or raise slot_count"
+  end
+
   @impl BB.Sensor
   def terminate(_reason, state), do: Publisher.close(state.publisher)
 
@@ -128,6 +143,45 @@ defmodule BB.Handoff.Outlet do
       content: opts[:encoding].content()
     )
   end
+
+  defp processes([os_pid]), do: "process #{os_pid}"
+  defp processes(os_pids), do: "processes #{Enum.join(os_pids, ", ")}"
+
+  defp look_for_holders(%{looked_at: looked_at} = state, now_ms)
+       when now_ms - looked_at < @look_ms,
+       do: state
+
+  defp look_for_holders(state, now_ms) do
+    state = %{state | looked_at: now_ms}
+
+    case Publisher.info(state.publisher) do
+      {:ok, %{dropped_pinned: count} = info} when count > state.passed_over ->
+        tell_of_holders(%{state | passed_over: count}, info)
+
+      _nothing_new ->
+        state
+    end
+  end
+
+  # One that let go meanwhile is not known any more.
+  defp tell_of_holders(state, info) do
+    oldest = info.published - info.slot_count
+
+    blocking =
+      for reader <- info.readers, Enum.any?(reader.held, &(&1 < oldest)), do: reader.os_pid
+
+    holders = blocking |> Enum.uniq() |> Enum.sort()
+    # What still goes on was told.
+    if holders not in [[], state.holders], do: tell(state, {:held, info.topic, holders})
+    %{state | holders: holders}
+  end
+
+  defp tell(state, reason) do
+    Logger.warning("#{List.last(state.path)}: #{explain(reason)}")
+    BB.Sensor.trouble(reason)
+  end
+
+  defp now_ms, do: System.monotonic_time(:millisecond)
 
   defp count_published(state) do
     :ok = BB.Sensor.beat()

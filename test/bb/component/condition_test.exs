@@ -24,6 +24,14 @@ defmodule BB.Component.ConditionTest do
     assert %{state: :up, reason: nil, restarts: 1, since_ns: 3} = Condition.up(condition, 3)
   end
 
+  test "what is wrong with one that goes on is its last error, and changes nothing else" do
+    up = Condition.up(new(), 1)
+    assert %{last_error: :file_renewed} = troubled = Condition.troubled(up, :file_renewed)
+    assert %{troubled | last_error: nil} == up
+    refute Condition.news?(up, troubled) or Condition.alarming?(troubled)
+    assert Condition.explain(up, troubled, &"words of #{&1}").error == "words of file_renewed"
+  end
+
   test "going down again for another reason keeps the time at which it went down" do
     condition = new() |> Condition.down(:absent, :a, 1) |> Condition.down(:absent, :b, 2)
     assert %{since_ns: 1, reason: :b, retry_in_ms: 200} = condition
