@@ -145,6 +145,8 @@ mod subscriber;
 #[cfg(not(loom))]
 pub mod trust;
 #[cfg(not(loom))]
+pub mod upkeep;
+#[cfg(not(loom))]
 mod waker;
 
 pub use content::ContentTag;
@@ -162,6 +164,7 @@ pub use {
     listing::Listing,
     loan::{Loan, SuspendedLoan},
     observer::{Observer, ObserverOptions},
+    owner::Owner,
     processes::{Nameless, nameless_publishers},
     publisher::{Publisher, PublisherOptions},
     subscriber::{Read, Received, Stats, Subscriber, SubscriberOptions, Wait},

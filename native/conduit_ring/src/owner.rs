@@ -10,13 +10,14 @@ use crate::sync::Ordering::Relaxed;
 /// How many forks lie between this process and the first one that opened something.
 static FORKS: AtomicU64 = AtomicU64::new(0);
 
-/// Who opened something. Asking costs one load.
+/// The process that opened something, for bindings of other languages: a child after `fork` must not even wait for a lock
+/// of its parent's, whose holder is not there to let go of it. Asking costs one load.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Owner(u64);
+pub struct Owner(u64);
 
 impl Owner {
     /// This process.
-    pub(crate) fn here() -> Owner {
+    pub fn here() -> Owner {
         static WATCH: Once = Once::new();
         WATCH.call_once(|| segment::call_in_children(count_fork));
         Owner(FORKS.load(Relaxed))
@@ -24,7 +25,7 @@ impl Owner {
 
     /// Whether it is this process still, and not a child of it.
     #[inline]
-    pub(crate) fn is_here(self) -> bool {
+    pub fn is_here(self) -> bool {
         self.0 == FORKS.load(Relaxed)
     }
 }

@@ -708,6 +708,38 @@ pub(crate) fn call_in_children(call: extern "C" fn()) {
     let _ = unsafe { libc::pthread_atfork(None, None, Some(call)) };
 }
 
+/// Starts a thread that gets no signals, so that they go to threads of the program, which may wait for them.
+pub(crate) fn start_thread(
+    name: &str,
+    stack_bytes: usize,
+    run: impl FnOnce() + Send + 'static,
+) -> io::Result<std::thread::JoinHandle<()>> {
+    let thread = std::thread::Builder::new().name(name.into());
+    // SAFETY: all-zero bytes are a valid set of signals, and sigfillset fills it.
+    let [mut all, mut own]: [libc::sigset_t; 2] = unsafe { std::mem::zeroed() };
+    // SAFETY: both sets are exclusively borrowed. A thread begins with the signals of the one that starts it.
+    unsafe {
+        libc::sigfillset(&mut all);
+        libc::pthread_sigmask(libc::SIG_SETMASK, &all, &mut own);
+    }
+    let started = thread.stack_size(stack_bytes).spawn(run);
+    // SAFETY: the set is the one that was there before.
+    unsafe { libc::pthread_sigmask(libc::SIG_SETMASK, &own, ptr::null_mut()) };
+    started
+}
+
+/// Whether the calling thread would get a signal that asks the program to end.
+#[cfg(test)]
+pub(crate) fn gets_signals() -> bool {
+    // SAFETY: all-zero bytes are a valid set of signals.
+    let mut blocked: libc::sigset_t = unsafe { std::mem::zeroed() };
+    // SAFETY: the set is exclusively borrowed; without a new one nothing changes.
+    unsafe {
+        libc::pthread_sigmask(libc::SIG_SETMASK, ptr::null(), &mut blocked);
+        libc::sigismember(&blocked, libc::SIGTERM) == 0
+    }
+}
+
 /// When this process started, in clock ticks since boot; 0 if /proc does not tell.
 pub(crate) fn process_start_time() -> u64 {
     const FIELDS_AFTER_NAME: usize = 19;

@@ -12,7 +12,8 @@
  *                     nothing published
  *   -EPERM            the topic's file belongs to a user who is not trusted (CONDUIT_RING_TRUSTED_UIDS in the
  *                     environment lists those who are)
- *   -EIO              publishing: the topic's file was removed, and cannot be made anew (another publisher has the name)
+ *   -ESTALE           publishing: the topic's file was removed or replaced, and cannot be made anew; the sentence says why
+ *                     (another publisher has the name). Nothing was published, and it is tried again
  *   -EEXIST           the topic's file was made by a publisher without the extension and may be in use
  *                     (CONDUIT_RING_FORCE replaces it)
  *   -EPROTO           the topic's file is not a ring, or of an unknown version
@@ -32,6 +33,10 @@
  * Threads. A publisher may be used by several threads at once. A subscriber may be used by one at a time; only its
  * wakers may be used meanwhile. Close a handle when no thread uses it any more. A child after fork()
  * may close its parent's handles, which changes nothing for the parent; whatever else is asked of them answers -EPERM.
+ *
+ * A topic's file that is removed or replaced is made anew under the same numbers, within a second and while nothing is
+ * published, too: each publisher has a thread that looks after its name, gets no signals and sleeps otherwise
+ * (CONDUIT_RING_NO_THREAD: it has none). Not while a loan is out.
  *
  * Units stand in the names: _ns, _bytes. Times are of CLOCK_MONOTONIC_RAW.
  */
@@ -94,13 +99,15 @@ typedef struct conduit_ring_publisher conduit_ring_publisher;
 
 /* `flags`: replace a topic's file that is not ours although a process may still use it. */
 #define CONDUIT_RING_FORCE 1u
+/* `flags`: no thread looks after the topic's name; conduit_ring_publisher_look_after() does. */
+#define CONDUIT_RING_NO_THREAD 2u
 /* `group`: the process's own. */
 #define CONDUIT_RING_OWN_GROUP 0xFFFFFFFFu
 
 /* Begin with CONDUIT_RING_PUBLISHER_OPTIONS_INIT and change what you need. */
 typedef struct conduit_ring_publisher_options {
     uint32_t abi_version; /* CONDUIT_RING_ABI_VERSION */
-    uint32_t flags;       /* 0 or CONDUIT_RING_FORCE */
+    uint32_t flags;       /* CONDUIT_RING_FORCE and CONDUIT_RING_NO_THREAD, or 0 */
     conduit_ring_geometry geometry;
     const char *content;  /* name of the messages' encoding, "sensor_msgs/msg/Imu"; NULL for raw bytes */
     uint32_t mode;        /* permissions of the topic's file, whatever the umask */
@@ -148,6 +155,13 @@ int conduit_ring_publisher_loan(conduit_ring_publisher *publisher, size_t size_b
 
 /* Publishes the first `size_bytes` bytes of the loan. -EINVAL when it has fewer (and is still out), or there is none. */
 int conduit_ring_publisher_commit(conduit_ring_publisher *publisher, size_t size_bytes, uint64_t *sequence);
+
+/*
+ * Looks now whether the topic's name leads to this publisher's file, and makes that anew if not. Publishing looks by itself,
+ * and so does the publisher's thread; this is for who wants no thread (CONDUIT_RING_NO_THREAD) and has a loop of its own,
+ * to call a few times a second. -ESTALE: as of publishing. -EALREADY while a loan is out.
+ */
+int conduit_ring_publisher_look_after(conduit_ring_publisher *publisher);
 
 /* Ends the loan, if there is one. Nothing was published, and the next message takes the same slot and number. */
 int conduit_ring_publisher_cancel(conduit_ring_publisher *publisher);

@@ -17,6 +17,7 @@ pub(crate) const ENOTRECOVERABLE: c_int = 131;
 pub(crate) const EPERM: c_int = 1;
 pub(crate) const EPROTO: c_int = 71;
 pub(crate) const ESHUTDOWN: c_int = 108;
+pub(crate) const ESTALE: c_int = 116;
 pub(crate) const ETIMEDOUT: c_int = 110;
 pub(crate) const EUSERS: c_int = 87;
 

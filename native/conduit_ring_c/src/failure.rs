@@ -98,6 +98,7 @@ impl From<PublishError> for Failure {
             PublishError::TooLarge { .. } => errno::EMSGSIZE,
             PublishError::SlotHeld => errno::EBUSY,
             PublishError::Forked => errno::EPERM,
+            PublishError::NameLost => errno::ESTALE,
             _ => errno::EIO,
         };
         Failure::new(errno, error.to_string())

@@ -26,7 +26,8 @@ pub use info::{
 };
 pub use message::conduit_ring_meta;
 pub use publisher::{
-    CONDUIT_RING_FORCE, CONDUIT_RING_OWN_GROUP, conduit_ring_part, conduit_ring_publisher_options,
+    CONDUIT_RING_FORCE, CONDUIT_RING_NO_THREAD, CONDUIT_RING_OWN_GROUP, conduit_ring_part,
+    conduit_ring_publisher_options,
 };
 pub use subscriber::{
     CONDUIT_RING_EVENT_MESSAGE, CONDUIT_RING_EVENT_PUBLISHER_DOWN, CONDUIT_RING_EVENT_PUBLISHER_UP,

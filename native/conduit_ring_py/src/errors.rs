@@ -13,6 +13,7 @@ import_exception!(conduit_ring._types, BadSegmentError);
 import_exception!(conduit_ring._types, LeaseLimitError);
 import_exception!(conduit_ring._types, ClosedError);
 import_exception!(conduit_ring._types, MessageTooLargeError);
+import_exception!(conduit_ring._types, NameLostError);
 import_exception!(conduit_ring._types, SlotHeldError);
 
 /// The caller's mistakes become a `ValueError`, the operating system's answers an `OSError`, the rest a `RingError`.
@@ -40,8 +41,13 @@ pub(crate) fn of_ring(error: Error) -> PyErr {
     }
 }
 
-pub(crate) fn of_publish(error: PublishError) -> PyErr {
+/// `trouble` is why the topic's name is lost.
+pub(crate) fn of_publish(error: PublishError, trouble: Option<&Error>) -> PyErr {
     match error {
+        PublishError::NameLost => NameLostError::new_err(match trouble {
+            Some(trouble) => format!("{error}: {trouble}"),
+            None => error.to_string(),
+        }),
         PublishError::TooLarge { .. } => MessageTooLargeError::new_err(error.to_string()),
         PublishError::SlotHeld => SlotHeldError::new_err(error.to_string()),
         _ => RingError::new_err(error.to_string()),

@@ -1,8 +1,10 @@
 //! A topic's publisher.
 
-use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
-use conduit_ring::{Geometry, PublisherOptions, SuspendedLoan, Topic};
+use conduit_ring::{
+    Geometry, PublishError, PublisherOptions, SuspendedLoan, Topic, upkeep::Upkeep,
+};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
@@ -33,19 +35,26 @@ const WORTH_DETACHING: usize = 64 * 1024;
 /// Raises :class:`PublisherAliveError` while another publisher of the topic lives, ``ValueError`` for a wrong name or size,
 /// and ``OSError`` (``ENOSPC``) if /dev/shm is full.
 ///
+/// A topic's file that somebody removes is made anew within a second, under the same numbers, also while nothing is
+/// published: a thread looks after it four times a second.
+///
 /// Leaving a ``with`` block closes the topic. Threads may share a publisher; a forked child cannot use its parent's.
 #[pyclass(frozen, module = "conduit_ring")]
 pub(crate) struct Publisher {
     topic: Topic,
     geometry: Geometry,
     birth: Birth,
-    inner: Mutex<Option<Own<Lender>>>,
+    /// The thread that looks after the topic's name.
+    _upkeep: Option<Upkeep>,
+    inner: Arc<Mutex<Option<Own<Lender>>>>,
 }
 
 struct Lender {
     publisher: conduit_ring::Publisher,
     /// A loan is out: its holder writes to the next message's slot, so nothing else is published.
     has_lent: bool,
+    /// The next message's number at the last look after the name.
+    seen: Option<u64>,
 }
 
 #[pymethods]
@@ -80,12 +89,16 @@ impl Publisher {
         let lender = Lender {
             publisher,
             has_lent: false,
+            seen: None,
         };
+        let inner = Arc::new(Mutex::new(Some(Own::new(lender))));
+        let watched = inner.clone();
         Ok(Publisher {
             topic,
             geometry,
             birth: Birth::now(),
-            inner: Mutex::new(Some(Own::new(lender))),
+            _upkeep: Upkeep::start(move || look(&watched)).ok(),
+            inner,
         })
     }
 
@@ -97,7 +110,8 @@ impl Publisher {
     ///
     /// Raises :class:`MessageTooLargeError` if it does not fit into a slot and :class:`SlotHeldError` if a subscriber's lease
     /// holds the slot (nothing is published, and the next message gets the number), ``TypeError`` for what has no bytes, ``ValueError`` for an array that is not contiguous,
-    /// ``RuntimeError`` while a loan is out, :class:`ClosedError` after :meth:`close`.
+    /// ``RuntimeError`` while a loan is out, :class:`NameLostError` while the topic's file was removed and another publisher has
+    /// its name, :class:`ClosedError` after :meth:`close`.
     #[pyo3(signature = (message, /, *more))]
     fn publish(
         &self,
@@ -192,23 +206,26 @@ impl Publisher {
 
 impl Publisher {
     fn publish_parts(&self, py: Python<'_>, parts: &[&[u8]]) -> PyResult<u64> {
-        let publish = |lender: &mut Lender| Ok::<_, PyErr>(lender.idle()?.publish_slices(parts));
+        let publish = |lender: &mut Lender| {
+            let published = lender.idle()?.publish_slices(parts);
+            Ok::<_, PyErr>(lender.say(published))
+        };
         let small = parts.iter().map(|part| part.len()).sum::<usize>() < WORTH_DETACHING;
         let published = if small {
             self.with(py, publish)
         } else {
             self.with_detached(py, publish)
         };
-        published??.map_err(errors::of_publish)
+        published??
     }
 
     pub(crate) fn lend(&self, py: Python<'_>, size: usize) -> PyResult<SuspendedLoan> {
         let lent = self.with(py, |lender| {
             let lent = lender.idle()?.loan(size).map(|loan| loan.suspend());
             lender.has_lent = lent.is_ok();
-            Ok::<_, PyErr>(lent)
+            Ok::<_, PyErr>(lender.say(lent))
         })?;
-        lent?.map_err(errors::of_publish)
+        lent?
     }
 
     /// Publishes the first `len` bytes of what was lent.
@@ -263,7 +280,42 @@ impl Publisher {
     }
 }
 
+/// Garbage is closed too. The thread that looks after the name has its share, and ends after this.
+impl Drop for Publisher {
+    fn drop(&mut self) {
+        if self.birth.is_here() {
+            drop(self.lock().take());
+        }
+    }
+}
+
+/// Looks after the topic's name; `false` when there is nothing to look after any more.
+fn look(inner: &Mutex<Option<Own<Lender>>>) -> bool {
+    match inner.try_lock() {
+        Ok(mut inner) => inner.as_mut().is_some_and(|lender| lender.get().look()),
+        // It publishes just now, and looks by itself.
+        Err(TryLockError::WouldBlock) => true,
+        Err(TryLockError::Poisoned(_)) => false,
+    }
+}
+
 impl Lender {
+    fn look(&mut self) -> bool {
+        let next = Some(self.publisher.next_sequence());
+        // One that publishes looks by itself; a loan is written to the file that there is.
+        if !self.has_lent && self.seen == next {
+            // Whoever publishes is told; and it is tried again.
+            let _ = self.publisher.look_after();
+        }
+        self.seen = next;
+        true
+    }
+
+    /// What became of a message, with the reason where the name is lost.
+    fn say<T>(&self, done: Result<T, PublishError>) -> PyResult<T> {
+        done.map_err(|error| errors::of_publish(error, self.publisher.trouble()))
+    }
+
     fn idle(&mut self) -> PyResult<&mut conduit_ring::Publisher> {
         if self.has_lent {
             return Err(PyRuntimeError::new_err(

@@ -2,13 +2,14 @@
 
 import gc
 import os
+import pathlib
 import signal
 import threading
 import time
 
 import pytest
 
-from conduit_ring import Publisher, Subscriber, info
+from conduit_ring import NameLostError, Publisher, PublisherAliveError, Subscriber, info
 from conftest import LIMIT
 
 WAIT = """
@@ -140,12 +141,15 @@ def use(topic, explicitly):
 
 @pytest.mark.parametrize("explicitly, times", [(True, 1000), (False, 200)], ids=["closed", "forgotten"])
 def test_a_thousand_opens_leave_no_descriptor_thread_or_mapping(topic, explicitly, times):
+    threads = len(os.listdir("/proc/self/task"))
     for _ in range(10):
         use(topic, explicitly)
+    eventually(lambda: len(os.listdir("/proc/self/task")) == threads)
     before = held()
     for _ in range(times):
         use(topic, explicitly)
-    assert held() == before
+    # A thread that has ended shows for a moment more.
+    eventually(lambda: held() == before)
 
 
 def test_opens_that_fail_leave_nothing(topic):
@@ -230,3 +234,63 @@ def test_ten_subscribers_in_threads_get_every_message(topic):
         assert seen == [list(range(300))] * 10
         for subscriber in subscribers:
             subscriber.close()
+
+
+def file_of(topic):
+    return pathlib.Path("/dev/shm") / f"conduit_{topic}"
+
+
+def eventually(happens):
+    deadline = time.monotonic() + 60
+    while not happens():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_a_silent_publisher_makes_a_removed_file_anew(topic):
+    with Publisher(topic) as publisher, Subscriber(topic) as subscriber:
+        publisher.publish(b"before")
+        for _ in range(3):
+            file_of(topic).unlink()
+            eventually(file_of(topic).exists)
+        assert publisher.publish(b"after") == 1
+        assert [bytes(subscriber.recv(timeout=LIMIT)) for _ in range(2)] == [b"before", b"after"]
+    assert not file_of(topic).exists()
+
+
+def test_a_publisher_whose_name_another_has_says_who(topic):
+    def usurp():
+        file_of(topic).unlink(missing_ok=True)
+        try:
+            return Publisher(topic)
+        except PublisherAliveError:  # it had its name back before
+            return usurp()
+
+    def is_lost():
+        try:
+            publisher.publish(b"to nobody")
+        except NameLostError as error:
+            assert f"process {os.getpid()} publishes this topic" in str(error)
+            return True
+        return False
+
+    with Publisher(topic) as publisher:
+        with usurp():
+            eventually(is_lost)
+        eventually(lambda: not is_lost())
+
+
+def test_a_loan_keeps_its_file_although_that_is_removed(topic):
+    with Publisher(topic) as publisher, Subscriber(topic) as subscriber:
+        with publisher.loan(4) as loan:
+            file_of(topic).unlink()
+            time.sleep(0.7)  # for a look after the name, which would move the publisher away
+            loan.data[:] = b"lent"
+        assert bytes(subscriber.recv(timeout=LIMIT)) == b"lent"
+
+
+def test_a_publisher_that_is_garbage_has_closed_its_topic(topic):
+    for _ in range(20):
+        publisher = Publisher(topic)
+        del publisher
+        assert not file_of(topic).exists()

@@ -65,8 +65,14 @@ public:
   }
 
   /// As Publisher's constructors.
-  Publisher advertise(const std::string& topic) { return Publisher(topic); }
-  Publisher advertise(const std::string& topic, const RingBufferConfig& config) { return Publisher(topic, config); }
+  Publisher advertise(const std::string& topic) { return advertise(topic, RingBufferConfig{}); }
+  Publisher advertise(const std::string& topic, const RingBufferConfig& config) {
+    // run() looks after it, without a thread.
+    Publisher publisher(topic, config, CONDUIT_RING_NO_THREAD);
+    const std::lock_guard<std::mutex> guard(mutex_);
+    advertised_.push_back(publisher.handle_.get_deleter().shared);
+    return publisher;
+  }
 
   /// Calls `callback` with each message published from now on, once run() runs. The topic need not exist yet. Throws when
   /// 16 others read it.
@@ -116,7 +122,10 @@ public:
     const Finish finish{*this};
     start_all();
     pollfd ends[] = {{signals.descriptor(), POLLIN, 0}, {stop_.descriptor(), POLLIN, 0}};
-    while (::poll(ends, 2, -1) < 0 && errno == EINTR) {
+    for (;;) {
+      const int ended = ::poll(ends, 2, looks_ms);
+      if (ended > 0 || (ended < 0 && errno != EINTR)) return;
+      look_after_topics();
     }
   }
 
@@ -128,6 +137,9 @@ public:
 
 private:
   using Clock = detail::Schedule::Clock;
+
+  /// How often run() looks after the topics that were advertised.
+  static constexpr int looks_ms = 250;
 
   struct Worker {
     std::function<void()> body;
@@ -187,6 +199,25 @@ private:
     changed_.notify_all();
   }
 
+  /// Makes files of topics anew that somebody removed. Whoever publishes is told what goes wrong.
+  void look_after_topics() {
+    for (const auto& publisher : living_publishers()) conduit_ring_publisher_look_after(publisher.get());
+  }
+
+  std::vector<std::shared_ptr<conduit_ring_publisher>> living_publishers() {
+    const std::lock_guard<std::mutex> guard(mutex_);
+    std::vector<std::shared_ptr<conduit_ring_publisher>> living;
+    std::vector<std::weak_ptr<conduit_ring_publisher>> kept;
+    for (const auto& advertised : advertised_) {
+      if (auto publisher = advertised.lock()) {
+        kept.push_back(advertised);
+        living.push_back(std::move(publisher));
+      }
+    }
+    advertised_ = std::move(kept);
+    return living;
+  }
+
   /// False when the node is to stop.
   bool sleep_until(Clock::time_point deadline) {
     std::unique_lock<std::mutex> lock(mutex_);
@@ -218,6 +249,7 @@ private:
   std::mutex mutex_;
   std::condition_variable changed_;
   std::vector<std::unique_ptr<Worker>> workers_;
+  std::vector<std::weak_ptr<conduit_ring_publisher>> advertised_;
   detail::Flag stop_;
   std::atomic<bool> stopping_{false};
   bool running_ = false;

@@ -71,21 +71,14 @@ private:
   std::size_t size_;
 };
 
-/// The one publisher of a topic. Closes it when destroyed. May be used by several threads at once.
+/// The one publisher of a topic. Closes it when destroyed. May be used by several threads at once. A topic's file that is
+/// removed or replaced is made anew within a second, also while nothing is published; what cannot be is thrown by publish().
 class Publisher {
 public:
   /// Makes the topic, or goes on with it where a publisher that died left it. Throws while another publisher lives.
   Publisher(const std::string& topic) : Publisher(topic, RingBufferConfig{}) {}
 
-  Publisher(const std::string& topic, const RingBufferConfig& config) : topic_(topic) {
-    detail::check_abi();
-    conduit_ring_publisher_options options = CONDUIT_RING_PUBLISHER_OPTIONS_INIT;
-    options.geometry.slot_count = config.slot_count;
-    options.geometry.slot_size_bytes = config.slot_size;
-    conduit_ring_publisher* opened = nullptr;
-    detail::check(conduit_ring_publisher_open(detail::c_text(topic), &options, &opened));
-    handle_ = Handle(opened, End{std::shared_ptr<conduit_ring_publisher>(opened, conduit_ring_publisher_close)});
-  }
+  Publisher(const std::string& topic, const RingBufferConfig& config) : Publisher(topic, config, 0) {}
 
   /// Publishes a copy of `size` bytes. Never waits. False, and nothing is published, when they do not fit into a slot, or
   /// while a subscriber holds the slot.
@@ -110,6 +103,19 @@ public:
   const std::string& topic() const noexcept { return topic_; }
 
 private:
+  friend class Node;
+
+  Publisher(const std::string& topic, const RingBufferConfig& config, std::uint32_t flags) : topic_(topic) {
+    detail::check_abi();
+    conduit_ring_publisher_options options = CONDUIT_RING_PUBLISHER_OPTIONS_INIT;
+    options.flags = flags;
+    options.geometry.slot_count = config.slot_count;
+    options.geometry.slot_size_bytes = config.slot_size;
+    conduit_ring_publisher* opened = nullptr;
+    detail::check(conduit_ring_publisher_open(detail::c_text(topic), &options, &opened));
+    handle_ = Handle(opened, End{std::shared_ptr<conduit_ring_publisher>(opened, conduit_ring_publisher_close)});
+  }
+
   /// Ends the topic. The handle is closed when no loan shares it any more.
   struct End {
     std::shared_ptr<conduit_ring_publisher> shared;

@@ -45,6 +45,7 @@ cases! { C, in_c, C_CASES:
     a_lease_tells_events_and_begins_with_the_message_that_was_kept
     a_loan_is_published_when_it_is_committed
     an_ended_publisher_keeps_its_loan_and_refuses_everything
+    a_publisher_without_a_thread_is_looked_after_by_its_owner
     a_guarded_subscriber_survives_a_file_that_is_cut_off
     a_segment_is_made_and_read_as_the_wire_format_says
 }
@@ -81,6 +82,11 @@ cases! { CPP, in_cpp, CPP_CASES:
     a_loan_is_published_by_commit_and_not_otherwise
     a_loan_that_outlives_its_publisher_throws
     a_child_leaves_the_topics_of_its_parent_alone
+    a_silent_publisher_makes_a_removed_file_anew
+    a_silent_node_makes_its_removed_file_anew
+    a_publisher_whose_name_another_has_says_so
+    a_loan_survives_that_the_file_is_removed
+    a_child_that_exits_leaves_its_parents_statics_alone
     a_guarded_subscriber_throws_when_the_file_is_cut_off
     a_camera_frame_is_laid_out_as_the_wire_format_says
     running_a_running_node_throws

@@ -44,6 +44,11 @@ class SlotHeldError(RingError):
     """Subscribers' leases hold messages in all slots. This one was dropped and counted."""
 
 
+class NameLostError(RingError):
+    """The topic's file was removed or replaced, and cannot be made anew: the message says why. Nothing was published, and it
+    is tried again."""
+
+
 class ClosedError(RingError, ValueError):
     """The publisher or subscriber is closed."""
 

@@ -599,6 +599,38 @@ static void an_ended_publisher_keeps_its_loan_and_refuses_everything(void) {
     conduit_ring_publisher_close(next);
 }
 
+static void a_publisher_without_a_thread_is_looked_after_by_its_owner(void) {
+    conduit_ring_publisher_options options = CONDUIT_RING_PUBLISHER_OPTIONS_INIT;
+    conduit_ring_publisher *publisher, *other;
+    char path[300];
+    void *data;
+    snprintf(path, sizeof path, "/dev/shm/conduit_%s", topic);
+    options.flags = CONDUIT_RING_NO_THREAD;
+    CHECK(conduit_ring_publisher_open(topic, &options, &publisher) == 0);
+    FAILS(EINVAL, "publisher is NULL", conduit_ring_publisher_look_after(NULL));
+    publish(publisher, "before");
+
+    CHECK(unlink(path) == 0 && conduit_ring_publisher_look_after(publisher) == 0);
+    FAILS(EBUSY, "publishes this topic", conduit_ring_publisher_open(topic, &options, &other));
+    conduit_ring_info info;
+    CHECK(conduit_ring_topic_info(topic, &info) == 0 && info.published == 1);
+
+    CHECK(unlink(path) == 0 && conduit_ring_publisher_loan(publisher, 1, &data) == 0);
+    FAILS(EALREADY, "loan", conduit_ring_publisher_look_after(publisher));
+    CHECK(conduit_ring_publisher_cancel(publisher) == 0);
+    CHECK(conduit_ring_publisher_open(topic, &options, &other) == 0);
+    FAILS(ESTALE, "publishes this topic", conduit_ring_publisher_look_after(publisher));
+    FAILS(ESTALE, "publishes this topic", conduit_ring_publisher_publish(publisher, "x", 1, NULL));
+    FAILS(ESTALE, "publishes this topic", conduit_ring_publisher_loan(publisher, 1, &data));
+
+    conduit_ring_publisher_close(other);
+    CHECK(conduit_ring_publisher_look_after(publisher) == 0);
+    publish(publisher, "after");
+    CHECK(conduit_ring_topic_info(topic, &info) == 0 && info.published == 2);
+    conduit_ring_publisher_close(publisher);
+    CHECK(access(path, F_OK) != 0);
+}
+
 static void a_guarded_subscriber_survives_a_file_that_is_cut_off(void) {
     conduit_ring_publisher *publisher = publisher_of(4, 8192);
     conduit_ring_subscriber_options options = CONDUIT_RING_SUBSCRIBER_OPTIONS_INIT;
@@ -702,6 +734,7 @@ static const struct {
     CASE(a_lease_tells_events_and_begins_with_the_message_that_was_kept),
     CASE(a_loan_is_published_when_it_is_committed),
     CASE(an_ended_publisher_keeps_its_loan_and_refuses_everything),
+    CASE(a_publisher_without_a_thread_is_looked_after_by_its_owner),
     CASE(a_guarded_subscriber_survives_a_file_that_is_cut_off),
     CASE(a_segment_is_made_and_read_as_the_wire_format_says),
 };
