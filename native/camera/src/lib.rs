@@ -21,7 +21,10 @@ use pace::Pace;
 use program::stop::Stop;
 use program::{Failure, Log};
 use source::Source;
-use std::time::Instant;
+use std::time::{Duration, Instant};
+
+/// Between two looks after the topic while no frame is due.
+const LOOKS: Duration = Duration::from_millis(250);
 
 /// Publishes frames until the stop is requested.
 ///
@@ -67,18 +70,41 @@ fn publish_all(
 ) -> Result<u64, Failure> {
     let mut pace = Pace::new(Instant::now(), rate_hz);
     let mut number = 0;
-    while !stop.wait_until(pace.next(Instant::now())) {
+    while !wait_until(pace.next(Instant::now()), publisher, stop) {
         let timestamp_ns = clock::now_ns();
         let (width, height, pixels) = source.take(number);
         let header = FrameHeader::grey(width, height, timestamp_ns, number as u32);
         match publisher.publish_slices(&[&header.encode(), pixels]) {
             // Who holds an older frame for so long misses this one, as one who is slow does.
             Ok(_) | Err(PublishError::SlotHeld) => {}
-            Err(error) => return Err(world(error)),
+            Err(error) => return Err(with_trouble(error, publisher)),
         }
         number += 1;
     }
     Ok(number)
+}
+
+/// Waits for the next frame's time, and looks after the topic meanwhile; `true` when the stop is requested before.
+///
+/// What a look finds wrong is told by the next frame.
+fn wait_until(deadline: Instant, publisher: &mut Publisher, stop: &Stop) -> bool {
+    loop {
+        let look = Instant::now() + LOOKS;
+        if stop.wait_until(deadline.min(look)) {
+            return true;
+        }
+        if deadline <= look {
+            return false;
+        }
+        let _ = publisher.look_after();
+    }
+}
+
+fn with_trouble(error: PublishError, publisher: &Publisher) -> Failure {
+    match publisher.trouble() {
+        Some(trouble) => Failure::World(format!("{error}: {trouble}")),
+        None => world(error),
+    }
 }
 
 fn world(error: impl std::error::Error) -> Failure {

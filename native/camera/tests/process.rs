@@ -9,6 +9,8 @@ use ganglion_messages::frame::{ENCODING, Frame, FrameHeader};
 use process::{Process, await_end, call, next_message, said_one_line, subscribe, unique_topic};
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::{Duration, Instant};
 
 const CAMERA: &str = env!("CARGO_BIN_EXE_camera");
 
@@ -214,4 +216,18 @@ fn a_topic_with_a_live_publisher_is_one_line_and_status_1() {
     assert_eq!(ended.status, Some(1));
     assert!(said_one_line(&ended, "camera"), "{ended:?}");
     assert!(ended.stderr.contains(topic.name()), "{ended:?}");
+}
+
+#[test]
+fn a_removed_topic_is_made_anew_between_two_frames_that_are_far_apart() {
+    let topic = unique_topic("removed");
+    let mut subscriber = subscribe(&topic);
+    let _camera = start(&topic, &["--rate", "0.01"]);
+    next_message(&mut subscriber);
+    fs::remove_file(topic.path()).expect("a topic");
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while !topic.path().exists() {
+        assert!(Instant::now() < deadline, "it was not made anew");
+        thread::sleep(Duration::from_millis(10));
+    }
 }

@@ -38,6 +38,8 @@ const DEPTH: u32 = 16;
 
 const LONGEST_FAMILY: usize = 16;
 const LONGEST_TOPIC: usize = 200;
+/// Between two looks after the detections' topic, whatever comes of the frames.
+const LOOKS: Duration = Duration::from_millis(250);
 const PAUSE_AFTER_ERROR: Duration = Duration::from_millis(100);
 
 /// Why a message of the frames' topic was not looked at.
@@ -86,6 +88,7 @@ pub fn run(options: &Options, stop: &Stop, log: Log) -> Result<(), Failure> {
         frames,
         gyro,
         publisher,
+        next_look: Instant::now(),
         log,
         refused: Complaints::default(),
         troubles: Complaints::default(),
@@ -139,6 +142,7 @@ struct Watch {
     frames: Subscriber,
     gyro: Gyro,
     publisher: Publisher,
+    next_look: Instant,
     log: Log,
     refused: Complaints,
     troubles: Complaints,
@@ -150,9 +154,8 @@ struct Watch {
 impl Watch {
     fn until(&mut self, stop: &Stop) {
         while !stop.requested() {
-            let read = self
-                .frames
-                .read_timeout(&mut self.message, Duration::from_secs(1));
+            self.look_after_topic();
+            let read = self.frames.read_timeout(&mut self.message, LOOKS);
             match read {
                 Ok(Read::Message(meta)) => self.take(meta),
                 Ok(Read::PublisherUp) => self.log.line("the camera is there"),
@@ -163,6 +166,15 @@ impl Watch {
                     stop.wait_until(Instant::now() + PAUSE_AFTER_ERROR);
                 }
             }
+        }
+    }
+
+    /// What a look finds wrong is told by the next detections.
+    fn look_after_topic(&mut self) {
+        let now = Instant::now();
+        if now >= self.next_look {
+            self.next_look = now + LOOKS;
+            let _ = self.publisher.look_after();
         }
     }
 
@@ -201,7 +213,12 @@ impl Watch {
         self.looked_at += 1;
         detections.encode_into(&mut self.report);
         if let Err(error) = self.publisher.publish(&self.report) {
-            complain(self.log, &mut self.troubles, error);
+            let why = self
+                .publisher
+                .trouble()
+                .map(|trouble| format!(": {trouble}"));
+            let what = format!("{error}{}", why.unwrap_or_default());
+            complain(self.log, &mut self.troubles, what);
         }
     }
 }

@@ -368,3 +368,19 @@ fn a_detections_topic_with_a_live_publisher_is_one_line_and_status_1() {
     assert!(said_one_line(&ended, "vision_tags"), "{ended:?}");
     assert!(ended.stderr.contains(taken.name()), "{ended:?}");
 }
+
+#[test]
+fn a_removed_topic_is_made_anew_while_no_frame_comes() {
+    let setup = setup("removed", &[]);
+    let path = setup.detections.topic().path().to_owned();
+    let deadline = Instant::now() + PATIENCE;
+    let await_file = || {
+        while !path.exists() {
+            assert!(Instant::now() < deadline, "there is no topic");
+            thread::sleep(Duration::from_millis(10));
+        }
+    };
+    await_file();
+    std::fs::remove_file(&path).expect("a topic");
+    await_file();
+}
