@@ -717,11 +717,10 @@ pub(crate) fn start_thread(
     let thread = std::thread::Builder::new().name(name.into());
     // SAFETY: all-zero bytes are a valid set of signals, and sigfillset fills it.
     let [mut all, mut own]: [libc::sigset_t; 2] = unsafe { std::mem::zeroed() };
-    // SAFETY: both sets are exclusively borrowed. A thread begins with the signals of the one that starts it.
-    unsafe {
-        libc::sigfillset(&mut all);
-        libc::pthread_sigmask(libc::SIG_SETMASK, &all, &mut own);
-    }
+    // SAFETY: the set is exclusively borrowed.
+    unsafe { libc::sigfillset(&mut all) };
+    // SAFETY: one set is borrowed, one exclusively. A thread begins with the signals of the one that starts it.
+    unsafe { libc::pthread_sigmask(libc::SIG_SETMASK, &all, &mut own) };
     let started = thread.stack_size(stack_bytes).spawn(run);
     // SAFETY: the set is the one that was there before.
     unsafe { libc::pthread_sigmask(libc::SIG_SETMASK, &own, ptr::null_mut()) };
@@ -734,10 +733,9 @@ pub(crate) fn gets_signals() -> bool {
     // SAFETY: all-zero bytes are a valid set of signals.
     let mut blocked: libc::sigset_t = unsafe { std::mem::zeroed() };
     // SAFETY: the set is exclusively borrowed; without a new one nothing changes.
-    unsafe {
-        libc::pthread_sigmask(libc::SIG_SETMASK, ptr::null(), &mut blocked);
-        libc::sigismember(&blocked, libc::SIGTERM) == 0
-    }
+    unsafe { libc::pthread_sigmask(libc::SIG_SETMASK, ptr::null(), &mut blocked) };
+    // SAFETY: the set is borrowed.
+    unsafe { libc::sigismember(&blocked, libc::SIGTERM) == 0 }
 }
 
 /// When this process started, in clock ticks since boot; 0 if /proc does not tell.
