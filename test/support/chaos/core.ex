@@ -62,7 +62,11 @@ defmodule BB.Test.Chaos.Core do
     try do
       start() |> storm(count) |> finish() |> tell(opts)
     after
+      end_robots()
       File.rm_rf!(folder)
+      # A publisher that was killed has left its topic for a successor.
+      topics = "/dev/shm/conduit_#{BB.Test.Run.name()}.#{System.pid()}.*"
+      for topic <- Path.wildcard(topics), do: File.rm(topic)
     end
   end
 
@@ -269,11 +273,15 @@ defmodule BB.Test.Chaos.Core do
 
   # From disk, by robots that have not seen the values before.
   defp reread(values) do
-    for robot <- Robots.all(), pid = Process.whereis(robot), do: Process.exit(pid, :kill)
-    _ = stop_all()
+    end_robots()
     start_application()
     {:ok, _} = Robots.outside().start_link()
     values
+  end
+
+  defp end_robots do
+    for robot <- Robots.all(), pid = Process.whereis(robot), do: Process.exit(pid, :kill)
+    stop_all()
   end
 
   defp tell(run, opts) do

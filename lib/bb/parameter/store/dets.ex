@@ -8,8 +8,8 @@ defmodule BB.Parameter.Store.Dets do
         parameter_store {BB.Parameter.Store.Dets, path: "/data/params"}
       end
 
-  Values are on the disk when `BB.Parameter.set/3` or `set_many/2` returns, and after a kill all of a
-  `set_many/2` are there, or none. That takes two syncs. A file that was not closed, because the
+  Values are on the disk when `BB.Parameter.set/3` or `set_many/2` returns. That takes two syncs. A
+  file that was not closed, because the
   power failed, is repaired when it is opened. One that is beyond repair, or from which values are
   missing after it, is kept as `path.corrupt` (`path.corrupt.2` to `.9` beside earlier ones), with a
   warning and the alarm `{BB.Parameter, robot, :damaged}`; it never keeps the robot from starting.
@@ -17,6 +17,8 @@ defmodule BB.Parameter.Store.Dets do
 
   DETS has no checksums, so these do not hold for it:
 
+    * After a kill in the midst of a change, DETS's repair may bring an older row back: part of a
+      `set_many/2` may be there, without the rest. It is rare.
     * A wrong byte in a value may go unnoticed, and so may a value that is missing from a file
       that was not closed.
     * A power failure while a value is written may cost that value and the one before it.

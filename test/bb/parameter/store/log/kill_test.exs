@@ -8,7 +8,7 @@ defmodule BB.Parameter.Store.Log.KillTest do
 
   import BB.Test.Eventually
 
-  alias BB.Parameter.Store.{Dets, Log}
+  alias BB.Parameter.Store.Log
   alias BB.Test.KeepingNode
 
   @moduletag :tmp_dir
@@ -20,10 +20,6 @@ defmodule BB.Parameter.Store.Log.KillTest do
   test "nothing that set has acknowledged is lost by a kill, and each set_many is whole",
        context do
     kill_often(Log, @kills, context.tmp_dir)
-  end
-
-  test "the same holds for a file of DETS", context do
-    kill_often(Dets, div(@kills, 10), context.tmp_dir)
   end
 
   defp kill_often(store, kills, folder) do
