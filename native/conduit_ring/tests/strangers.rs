@@ -8,6 +8,7 @@ mod support;
 use std::fs;
 use std::os::unix::fs::chown;
 use std::os::unix::process::CommandExt;
+use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -80,7 +81,11 @@ fn is_mapped(topic: &Topic) -> bool {
 }
 
 /// A process of the stranger's that cuts a file off and restores it, again and again.
-struct Truncater(Child);
+struct Truncater {
+    /// Leads a group of its own, with the programs that it calls.
+    shell: Child,
+    bait: PathBuf,
+}
 
 impl Truncater {
     fn start(topic: &Topic) -> Truncater {
@@ -88,21 +93,25 @@ impl Truncater {
         fs::copy(topic.path(), &bait).unwrap();
         chown(&bait, Some(STRANGER), None).unwrap();
         let script = "while :; do truncate -s 0 $0; truncate -s 2000 $0; truncate -s 1300 $0; cat $1 > $0; done";
-        let child = Command::new("sh")
+        let shell = Command::new("sh")
             .args(["-c", script])
             .args([topic.path(), &bait])
             .uid(STRANGER)
+            .process_group(0)
             .stderr(Stdio::null())
             .spawn()
             .unwrap();
-        Truncater(child)
+        Truncater { shell, bait }
     }
 }
 
 impl Drop for Truncater {
     fn drop(&mut self) {
-        self.0.kill().unwrap();
-        self.0.wait().unwrap();
+        let group = format!("-{}", self.shell.id());
+        let kill = Command::new("kill").args(["-KILL", "--", &group]).status();
+        self.shell.wait().unwrap();
+        fs::remove_file(&self.bait).unwrap();
+        assert!(kill.unwrap().success());
     }
 }
 

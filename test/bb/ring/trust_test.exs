@@ -37,7 +37,12 @@ defmodule BB.Ring.TrustTest do
       args = [:binary, args: ["-c", script, path(topic), bait]]
       port = Port.open({:spawn_executable, "/bin/sh"}, args)
       {:os_pid, os_pid} = Port.info(port, :os_pid)
-      on_exit(fn -> System.cmd("kill", ["-9", "#{os_pid}"]) && File.rm(bait) end)
+
+      # The shell of a port leads a group, in which are the programs that it calls.
+      on_exit(fn ->
+        assert {_, 0} = System.cmd("kill", ["-KILL", "--", "-#{os_pid}"])
+        File.rm(bait)
+      end)
 
       # Until the owner is at work, and then for a while.
       eventually(fn -> look(topic) == :error end, 30_000)
