@@ -365,7 +365,20 @@ defmodule BB.Safety.ModelTest do
   end
 
   defp perform({:kill, :warden}, w, _m), do: strike(Module.concat(w.robot, "Safety"), w)
-  defp perform({:kill, name}, w, _m), do: strike(name, w)
+
+  # When all that starts safety again dies in the same moment, the next call does. The model does
+  # not know who is half-way back, and waits.
+  defp perform({:kill, name}, w, _m) do
+    struck = strike(name, w)
+
+    whole? = fn ->
+      Enum.all?([Safety.Supervisor, Safety.Host, Safety.Wardens], &Process.whereis/1)
+    end
+
+    eventually(whole?, @patience_ms)
+    struck
+  end
+
   defp perform({:application, :started}, w, _m), do: {Application.start(), w}
 
   defp perform({:application, how}, w, _m) do
