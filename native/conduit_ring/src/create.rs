@@ -138,12 +138,7 @@ fn clear_name(topic: &Topic) -> Result<bool, Error> {
         return Ok(true);
     };
     trust::require(topic, &found)?;
-    lock(topic, &found)?;
-    if found
-        .name(topic.path())
-        .map_err(Error::os("stat", topic.path()))?
-        != Name::Same
-    {
+    if !lock_named(topic, &found)? {
         return Ok(false);
     }
     match attach::read_header(topic, &found)? {
@@ -197,12 +192,7 @@ fn succeed(
     if !options.force {
         trust::require(topic, &found)?;
     }
-    lock(topic, &found)?;
-    if found
-        .name(topic.path())
-        .map_err(Error::os("stat", topic.path()))?
-        != Name::Same
-    {
+    if !lock_named(topic, &found)? {
         return Ok(None);
     }
     if let Err(refusal) = trust::require(topic, &found) {
@@ -300,6 +290,15 @@ fn remove_unused(topic: &Topic, found: &Segment, force: bool, refusal: Error) ->
     found
         .unlink(topic.path())
         .map_err(Error::os("unlink", topic.path()))
+}
+
+/// Locks the file that has the topic's name; `false` when the name went to another one before the lock was obtained.
+fn lock_named(topic: &Topic, found: &Segment) -> Result<bool, Error> {
+    lock(topic, found)?;
+    let name = found
+        .name(topic.path())
+        .map_err(Error::os("stat", topic.path()))?;
+    Ok(name == Name::Same)
 }
 
 fn lock(topic: &Topic, segment: &Segment) -> Result<(), Error> {
