@@ -54,4 +54,11 @@ defmodule BB.Bus.Sim.Device do
               | nil
 
   @optional_callbacks pulses: 3
+
+  @doc "What a bus raises in its caller when a device's `init/2`, of I2C or of lines, threw or exited."
+  @spec not_made(module(), :throw | :exit | :error, term()) :: Exception.t()
+  def not_made(module, kind, reason) do
+    why = Exception.format_banner(kind, reason)
+    RuntimeError.exception("the simulated device #{inspect(module)} was not made: #{why}")
+  end
 end

@@ -39,12 +39,7 @@ defmodule BB.Bus.Sim.Slot do
   rescue
     exception -> {:raise, exception}
   catch
-    kind, reason -> {:raise, unable(module, kind, reason)}
-  end
-
-  defp unable(module, kind, reason) do
-    why = Exception.format_banner(kind, reason)
-    RuntimeError.exception("the simulated device #{inspect(module)} was not made: #{why}")
+    kind, reason -> {:raise, BB.Bus.Sim.Device.not_made(module, kind, reason)}
   end
 
   @doc "Powers an unplugged device up anew."
