@@ -16,13 +16,28 @@ defmodule BB.CallbackTest do
   def even(_other), do: :error
   def one(1), do: :one
 
+  # What a callback does counts here; only what hangs on purpose has little time.
+  @patience_ms 60_000
+
   # Each has a name of its own, under which it is remembered.
   defp call(fun, opts \\ []) do
     name = opts[:name] || "callback #{System.unique_integer([:positive])}"
-    Callback.call({__MODULE__, :perform, [fun]}, [name: name] ++ opts)
+    defaults = [name: name, timeout_ms: @patience_ms]
+    Callback.call({__MODULE__, :perform, [fun]}, Keyword.merge(defaults, opts))
   end
 
   defp hang, do: Process.sleep(:infinity)
+
+  # The little time that it has may be over before it has begun.
+  defp timed_out_after_its_message(hang) do
+    assert {:error, {:timeout, 20}} = call(hang, timeout_ms: 20)
+
+    receive do
+      {:pids, pids} -> pids
+    after
+      0 -> nil
+    end
+  end
 
   defp gone?(pid), do: eventually(fn -> not Process.alive?(pid) end)
 
@@ -47,7 +62,7 @@ defmodule BB.CallbackTest do
 
     test "of a function that is not there is a failure like others" do
       assert {:error, {:raised, "UndefinedFunctionError: " <> _}} =
-               Callback.call({NoModule, :no_function, []})
+               Callback.call({NoModule, :no_function, []}, timeout_ms: @patience_ms)
     end
 
     test "ends with the process that kills itself, or is killed by what it is linked to" do
@@ -99,9 +114,10 @@ defmodule BB.CallbackTest do
 
     test "may lack a clause where that is nothing" do
       call = {__MODULE__, :one, [2]}
-      assert Callback.call(call, partial: true) == {:error, :no_clause}
-      assert {:error, {:raised, "FunctionClauseError: " <> _}} = Callback.call(call)
-      assert Callback.call({__MODULE__, :one, [1]}, partial: true) == {:ok, :one}
+      opts = [timeout_ms: @patience_ms]
+      assert Callback.call(call, [partial: true] ++ opts) == {:error, :no_clause}
+      assert {:error, {:raised, "FunctionClauseError: " <> _}} = Callback.call(call, opts)
+      assert Callback.call({__MODULE__, :one, [1]}, [partial: true] ++ opts) == {:ok, :one}
 
       # Of another function it is a mistake.
       assert {:error, {:raised, _}} = call(fn -> one(2) end, partial: true)
@@ -127,8 +143,7 @@ defmodule BB.CallbackTest do
         hang()
       end
 
-      call(hang, timeout_ms: 10)
-      assert_received {:pids, pids}
+      pids = eventually(fn -> timed_out_after_its_message(hang) end)
       for pid <- pids, do: assert(gone?(pid))
     end
 
@@ -163,13 +178,16 @@ defmodule BB.CallbackTest do
 
     test "hinders no other" do
       calls =
-        for n <- 1..20,
-            do:
-              Callback.start(
-                {__MODULE__, :perform, [if(rem(n, 2) == 0, do: &hang/0, else: fn -> n end)]},
-                name: "one of twenty, #{n}, #{System.unique_integer()}",
-                timeout_ms: 500
-              )
+        for n <- 1..20 do
+          {fun, timeout_ms} =
+            if rem(n, 2) == 0, do: {&hang/0, 500}, else: {fn -> n end, @patience_ms}
+
+          Callback.start(
+            {__MODULE__, :perform, [fun]},
+            name: "one of twenty, #{n}, #{System.unique_integer()}",
+            timeout_ms: timeout_ms
+          )
+        end
 
       assert calls |> Enum.map(&Callback.await/1) |> Enum.take_every(2) ==
                for(n <- 1..20//2, do: {:ok, n})
