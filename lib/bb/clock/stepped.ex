@@ -25,7 +25,7 @@ defmodule BB.Clock.Stepped do
   @typedoc "A message to come: its time, and its place among those of the same time."
   @type timer :: {time_ns :: integer(), order :: integer()}
 
-  @settle_ms 5_000
+  @settle_ms 60_000
 
   @doc "Starts a clock for `robot:`, at the machine's time, linked to the caller. The robot has the machine's again when it ends."
   @spec start_link(robot: module()) :: GenServer.on_start()

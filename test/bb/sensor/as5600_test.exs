@@ -51,7 +51,7 @@ defmodule BB.Sensor.As5600Test do
 
     test "has the velocity", %{bench: bench} do
       # Slow enough that no half turn is between two readings, however late they are.
-      replace(bench, fn seconds -> [angle: 1.0 * seconds] end)
+      replace(bench, fn seconds -> [angle: 0.1 * seconds] end)
       Bench.start!(bench, rate: 200, velocity_window: BB.Unit.new!(100, :millisecond))
       message = Bench.reading(&match?([_ | _], &1.payload.velocities))
       assert [velocity] = message.payload.velocities
