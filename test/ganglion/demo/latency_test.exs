@@ -21,4 +21,16 @@ defmodule Ganglion.Demo.LatencyTest do
   test "a duration below zero, of a clock that is not quite the other, counts as none" do
     assert Latency.quantile_us(of([-5]), 0.5) == 0
   end
+
+  test "is right to a hundredth, and bounded, however far apart durations are" do
+    # From 1 µs to two hours.
+    durations = for n <- 0..60_000, do: round(:math.exp(n / 60_000 * :math.log(7.2e9)))
+    latency = of(durations)
+    assert map_size(latency) < 10_000
+
+    for q <- [0.1, 0.5, 0.9, 0.99, 1.0] do
+      exact = Enum.at(durations, ceil(q * length(durations)) - 1)
+      assert_in_delta Latency.quantile_us(latency, q), exact, max(10, exact / 100)
+    end
+  end
 end
