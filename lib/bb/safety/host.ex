@@ -60,10 +60,12 @@ defmodule BB.Safety.Host do
   end
 
   # By processes of their own: one robot's handlers do not hold up another's, and this process
-  # always answers.
+  # always answers. One that comes late leaves alone what the next host has let be armed.
   defp secure do
+    moment = Warden.moment()
+
     for record <- Table.records() do
-      {_pid, ref} = spawn_monitor(Warden, :secure, [record.robot])
+      {_pid, ref} = spawn_monitor(Warden, :secure, [record.robot, moment])
       ref
     end
   end

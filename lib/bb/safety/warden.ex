@@ -27,6 +27,9 @@ defmodule BB.Safety.Warden do
 
   @type role :: Record.role() | :component | {:voucher, [atom()]}
 
+  @typedoc "Greater than the epoch of each arming before, less than that of each arming after it."
+  @type moment :: pos_integer()
+
   # What others ask
 
   @doc "How long handlers may take when nothing is said."
@@ -73,9 +76,16 @@ defmodule BB.Safety.Warden do
   @spec force_disarm(module()) :: :ok | {:error, term()}
   def force_disarm(robot), do: request(robot, {:force_disarm, make_ref()})
 
-  @doc "Disarms an armed robot whose components have ended, and waits for a disarming that is under way."
-  @spec secure(module()) :: :ok | {:error, term()}
-  def secure(robot), do: request(robot, :secure)
+  @doc """
+  Disarms a robot that was armed before a moment, and waits for a disarming that is under way. A
+  robot that was armed later stays armed: what was to be made safe is not what is armed now.
+  """
+  @spec secure(module(), moment()) :: :ok | {:error, term()}
+  def secure(robot, moment \\ moment()), do: request(robot, {:secure, moment})
+
+  @doc "Now, among the epochs of all robots."
+  @spec moment() :: moment()
+  def moment, do: System.unique_integer([:positive, :monotonic])
 
   # One that has a record takes no role from its start, which may be a repeated one.
   defp watched_by(robot, role, pid) do
@@ -178,7 +188,7 @@ defmodule BB.Safety.Warden do
   end
 
   def handle_call({:arm, ref, seen}, _from, %{record: record} = warden) do
-    epoch = System.unique_integer([:positive, :monotonic])
+    epoch = moment()
     forbidden = if Table.hosted?(), do: Table.inhibitions(record.robot), else: :not_running
 
     case Record.arm(record, ref, seen, epoch, forbidden) do
@@ -202,11 +212,16 @@ defmodule BB.Safety.Warden do
     end
   end
 
-  def handle_call(:secure, from, %{record: record} = warden) do
-    case record.state do
-      :armed -> warden |> wait(from) |> disarm(nil, @timeout_ms, :shutdown) |> noreply()
-      :disarming -> warden |> wait(from) |> noreply()
-      _safe_or_in_error -> {:reply, :ok, warden}
+  def handle_call({:secure, moment}, from, %{record: record} = warden) do
+    case record do
+      %{state: :armed, epoch: epoch} when epoch < moment ->
+        warden |> wait(from) |> disarm(nil, @timeout_ms, :shutdown) |> noreply()
+
+      %{state: :disarming} ->
+        warden |> wait(from) |> noreply()
+
+      _safe_or_in_error_or_armed_later ->
+        {:reply, :ok, warden}
     end
   end
 

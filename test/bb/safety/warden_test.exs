@@ -77,6 +77,26 @@ defmodule BB.Safety.WardenTest do
     end
   end
 
+  describe "a robot that is made safe" do
+    test "is disarmed if it was armed before" do
+      {robot, _root} = start()
+      :ok = Safety.arm(robot)
+      assert Safety.Warden.secure(robot, Safety.Warden.moment()) == :ok
+      assert Safety.state(robot) == :disarmed
+      assert runs(robot) == {1, 1}
+    end
+
+    # The application has ended and was started again, before what its end sets off had its turn.
+    test "stays armed if it was armed since" do
+      {robot, _root} = start()
+      ended = Safety.Warden.moment()
+      :ok = Safety.arm(robot)
+      assert Safety.Warden.secure(robot, ended) == :ok
+      assert Safety.armed?(robot)
+      assert runs(robot) == {0, 0}
+    end
+  end
+
   describe "an armed robot whose root dies" do
     for reason <- [:kill, :broken] do
       test "by #{inspect(reason)} is disarmed: every registered disarm ran exactly once" do
