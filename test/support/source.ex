@@ -30,6 +30,20 @@ defmodule BB.Test.Source do
   @typedoc "What is called: a function's name, `:fun` for a function that is a value, `:apply`."
   @type call :: {atom(), text :: String.t()}
 
+  # Where Ganglion's own modules stand. What else is in lib/ is somebody's own robot.
+  @own ["lib/bb.ex", "lib/{bb,ganglion,mix}/**/*.ex"]
+
+  @doc """
+  The files of Ganglion's own modules in a checkout, sorted. A fork may have others in `lib/`, which
+  are its own affair.
+  """
+  @spec own(Path.t()) :: [Path.t()]
+  def own(root \\ ".") do
+    for(pattern <- @own, file <- Path.wildcard(Path.join(root, pattern)), do: file)
+    |> Enum.map(&Path.relative_to(&1, root))
+    |> Enum.sort()
+  end
+
   @doc "Reads a file."
   @spec read!(Path.t()) :: t()
   def read!(file), do: file |> File.read!() |> parse!(file)
