@@ -1,10 +1,15 @@
 defmodule BB.Sensor.NativeProcess do
   @schema BB.Options.new!(
             program: [
-              type: :string,
+              type: {:custom, BB.Sensor.NativeProcess.Program, :check, []},
               required: true,
-              doc:
-                "One of the programs in the application's `priv/bin`, a path, or a name to be found in `PATH`."
+              type_doc: "`t:BB.Sensor.NativeProcess.Program.t/0`",
+              doc: """
+              `{:my_app, "name"}`, a program in the `priv/bin` of that application; one of those \
+              that ship with Ganglion, a path, or a name to be found in `PATH`; or a function \
+              that gives one of these at each start: `&MyRobot.detector/0` or \
+              `{module, function, arguments}`.
+              """
             ],
             topics: [
               type: :keyword_list,
@@ -97,7 +102,9 @@ defmodule BB.Sensor.NativeProcess do
 
   The sensor stops with one of these reasons, which its `BB.Message.Sensor.Status` shows:
 
-    * `{:program_not_found, name}`, `{:not_started, reason}`
+    * `{:program_not_found, name}`, `{:not_executable, path}`, `{:unknown_application, app}`,
+      `{:no_program, text}` - there is nothing to run, as `program:` has it
+    * `{:not_started, reason}`
     * `{:no_topic, key}` - `publishes` names what is not among `topics`
     * `{:exit_status, n}` - 128 + the signal's number when a signal ended it; 127 when it could
       not be run
@@ -112,7 +119,7 @@ defmodule BB.Sensor.NativeProcess do
 
   require Logger
 
-  alias BB.Sensor.NativeProcess.Feed
+  alias BB.Sensor.NativeProcess.{Feed, Program}
 
   @guard "process_guard"
 
@@ -138,9 +145,6 @@ defmodule BB.Sensor.NativeProcess do
       "its program ended with status 1; what it said is in the log"
   """
   @impl BB.Sensor
-  def explain({:program_not_found, name}),
-    do: "there is no program #{name}: it is neither in priv/bin nor in PATH"
-
   def explain({:exit_status, 127}), do: "its program cannot be run; the log says why"
 
   def explain({:exit_status, status}) when status > 128,
@@ -158,6 +162,7 @@ defmodule BB.Sensor.NativeProcess do
     do: "publishes: #{inspect(key)} is no ring topic; add it to its topics, or correct it"
 
   def explain({:not_started, reason}), do: "its program cannot be started: #{inspect(reason)}"
+  def explain(reason), do: Program.explain(reason)
 
   @doc false
   @impl BB.Sensor
@@ -192,7 +197,7 @@ defmodule BB.Sensor.NativeProcess do
 
   @impl BB.Sensor
   def init(opts) do
-    with {:ok, program} <- find_program(opts[:program]), {:ok, feed} <- feed(opts) do
+    with {:ok, program} <- Program.find(opts[:program]), {:ok, feed} <- feed(opts) do
       limit_ms = opts[:grace_ms] + @kill_limit_ms + @wake_limit_ms + @margin_ms
       :ok = BB.Sensor.shut_down_within(limit_ms)
 
@@ -392,7 +397,7 @@ defmodule BB.Sensor.NativeProcess do
   # The guard
 
   defp open(state) do
-    Port.open({:spawn_executable, shipped(@guard)}, [
+    Port.open({:spawn_executable, Program.shipped(@guard)}, [
       :binary,
       :exit_status,
       :hide,
@@ -419,15 +424,6 @@ defmodule BB.Sensor.NativeProcess do
 
   defp args({module, function, arguments}), do: apply(module, function, arguments)
   defp args(args), do: args
-
-  defp find_program(name) do
-    case Enum.find([shipped(name), System.find_executable(name)], &(&1 && File.regular?(&1))) do
-      nil -> {:error, {:program_not_found, name}}
-      program -> {:ok, program}
-    end
-  end
-
-  defp shipped(name), do: Application.app_dir(:ganglion, ["priv", "bin", name])
 
   defp now_ms, do: System.monotonic_time(:millisecond)
 end

@@ -9,7 +9,10 @@ defmodule BB.Sensor.NativeProcessTest do
 
   alias BB.Message.Sensor.Status
 
+  alias BB.Sensor.NativeProcess.Program
+
   doctest BB.Sensor.NativeProcess
+  doctest BB.Sensor.NativeProcess.Program
 
   # A robot whose one sensor is a shell script; `marker` tells its processes from others'.
   defp shell_robot(script, opts \\ []) do
@@ -112,6 +115,116 @@ defmodule BB.Sensor.NativeProcessTest do
              eventually(fn -> (h = health(robot, :nothing)).state == :backoff && h end)
 
     assert inspect(reason) =~ "no_such_program"
+  end
+
+  describe "program:" do
+    @describetag :tmp_dir
+
+    # Executables that tell which they are.
+    defp script(dir, name, mode \\ 0o755) do
+      path = Path.join(dir, name)
+      File.write!(path, "#!/bin/sh\necho this is #{name}\n")
+      File.chmod!(path, mode)
+      path
+    end
+
+    # An application of the system with a program in its priv/bin, as a release has it.
+    defp application(dir) do
+      app = :"app_#{System.unique_integer([:positive])}"
+      folder = Path.join([dir, to_string(app), "priv", "bin"])
+      File.mkdir_p!(folder)
+      ebin = Path.join([dir, to_string(app), "ebin"])
+      File.mkdir_p!(ebin)
+      Code.append_path(ebin)
+      on_exit(fn -> Code.delete_path(ebin) end)
+      {app, folder}
+    end
+
+    defp with_program(program) do
+      create(
+        quote do
+          sensors do
+            sensor :detector,
+                   {BB.Sensor.NativeProcess, program: unquote(Macro.escape(program))}
+          end
+        end
+      )
+    end
+
+    defp printed(program) do
+      capture_log(fn ->
+        robot = with_program(program)
+        start_supervised!(robot)
+        eventually(fn -> health(robot, :detector).restarts > 0 end)
+        stop_supervised!(robot)
+      end)
+    end
+
+    defp refused(program) do
+      robot = with_program(program)
+      start_supervised!(robot)
+      row = eventually(fn -> (h = health(robot, :detector)).state == :backoff && h end)
+      stop_supervised!(robot)
+      row.error
+    end
+
+    def detector(place), do: place
+    def failing, do: raise("no detector today")
+
+    test "is the priv/bin of any application", %{tmp_dir: dir} do
+      {app, folder} = application(dir)
+      path = script(folder, "detector")
+      assert Program.find({app, "detector"}) == {:ok, path}
+      assert printed({app, "detector"}) =~ "detector: this is detector"
+    end
+
+    test "is a path, or a name in PATH, as before", %{tmp_dir: dir} do
+      path = script(dir, "by_path")
+      assert Program.find(path) == {:ok, path}
+      assert {:ok, shell} = Program.find("sh")
+      assert Path.basename(shell) == "sh"
+      assert {:ok, camera} = Program.find("camera")
+      assert camera == Application.app_dir(:ganglion, "priv/bin/camera")
+    end
+
+    test "is what a function gives at the start, in each of these forms", %{tmp_dir: dir} do
+      {app, folder} = application(dir)
+      path = script(folder, "detector")
+
+      for place <- [{app, "detector"}, path] do
+        assert Program.find({__MODULE__, :detector, [place]}) == {:ok, path}
+        assert Program.find(fn -> place end) == {:ok, path}
+      end
+
+      assert printed({__MODULE__, :detector, [path]}) =~ "detector: this is detector"
+    end
+
+    test "that cannot be run is told with its remedy", %{tmp_dir: dir} do
+      {app, folder} = application(dir)
+      path = script(folder, "detector", 0o644)
+      File.mkdir_p!(Path.join(folder, "a_folder"))
+
+      for {program, words} <- [
+            {path, "#{path} is there and may not be run: make it executable (chmod +x)"},
+            {{app, "detector"}, "#{path} is there and may not be run"},
+            {{app, "detektor"}, "no program detektor in the priv/bin of #{inspect(app)}"},
+            {{app, "a_folder"}, "no program a_folder in the priv/bin"},
+            {{:rovr, "detector"}, "there is no application :rovr here: correct its name"},
+            {"/nowhere/detector", "no program /nowhere/detector: correct its path"},
+            {{__MODULE__, :detector, [42]}, "gave 42, expected a name, a path"},
+            {{__MODULE__, :failing, []}, "no detector today"}
+          ] do
+        assert refused(program) =~ words
+      end
+    end
+
+    test "of another kind is a mistake in the declaration" do
+      for wrong <- [:detector, "", {"rover", "detector"}, {:rover, :detector}, {nil, "x"}, [1]] do
+        assert {:error, error} = with_program(wrong).start_link()
+        assert Exception.message(error) =~ ~s(expected a name, a path, {:my_app, "name"})
+        assert Exception.message(error) =~ inspect(wrong)
+      end
+    end
   end
 
   test "when its sensor stops, the program and all that it started are gone" do
