@@ -4,7 +4,15 @@ locals_without_parens =
     [param: 2, param: 3, group: 2, link: 1, link: 2, joint: 1, joint: 2, joint: 3] ++
     [sensor: 2, sensor: 3, sensor: 4, actuator: 2, actuator: 3, actuator: 4] ++
     [controller: 2, controller: 3, controller: 4] ++
-    [name: 1, parameter_store: 1, registry_module: 1, registry_options: 1, supervisor_module: 1] ++
+    [simulation: 1, i2c: 1, i2c: 2, i2c: 3, gpio: 1, gpio: 2, gpio: 3, device: 2, device: 3] ++
+    [
+      name: 1,
+     
+      parameter_store: 1,
+      registry_module: 1,
+      registry_options: 1,
+      supervisor_module: 1
+    ] ++
     [type: 1, default: 1, min: 1, max: 1, doc: 1] ++
     [origin: 1, axis: 1, limit: 1, dynamics: 1] ++
     [transmission: 1, reduction: 1, offset: 1, reversed?: 1] ++

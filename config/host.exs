@@ -1,8 +1,5 @@
 import Config
 
-# On the host the buses are simulated: the drivers are the same code as on a board.
-config :ganglion, i2c: BB.Bus.Sim.I2C, gpio: BB.Bus.Sim.GPIO
-
 # Reports of normal starts and stops are for boards that are debugged over a console.
 config :logger, handle_sasl_reports: false
 
@@ -10,9 +7,5 @@ config :logger, handle_sasl_reports: false
 config :logger, :console, device: :standard_error
 config :logger, :default_handler, config: [type: :standard_error]
 
-# A release on the host runs the robot from its start, as a board does, on simulated buses.
-if config_env() == :prod do
-  config :ganglion,
-    robot: Ganglion.Robot,
-    simulated_buses: %{"i2c-1" => [devices: %{0x68 => {BB.Bus.Sim.Mpu6050, source: :motion}}]}
-end
+# A release on the host runs the robot from its start, as a board does, on its simulated buses.
+if config_env() == :prod, do: config(:ganglion, robot: Ganglion.Robot)

@@ -43,11 +43,18 @@ defmodule BB.Dsl do
             end
           end
         end
+
+        simulation do
+          i2c "i2c-1" do
+            device 0x40, {BB.Bus.Sim.Ina219, source: [voltage: 11.1, current: 1.5]}
+            device 0x68, {BB.Bus.Sim.Mpu6050, source: :motion}
+          end
+        end
       end
 
   Every entity works with and without parentheses, as a block or as keywords. The sections are described in
-  `BB.Dsl.Robot`, what stands in them in `BB.Dsl.Component`, `BB.Dsl.Topology`, `BB.Dsl.Link`, `BB.Dsl.Joint` and
-  `BB.Dsl.Parameters`. A mistake raises `BB.Dsl.Error` while the module compiles.
+  `BB.Dsl.Robot`, what stands in them in `BB.Dsl.Component`, `BB.Dsl.Topology`, `BB.Dsl.Link`, `BB.Dsl.Joint`,
+  `BB.Dsl.Parameters` and `BB.Dsl.Simulation`. A mistake raises `BB.Dsl.Error` while the module compiles.
 
   For `mix format` to leave the words without parentheses, put `import_deps: [:ganglion]` into `.formatter.exs`.
   """

@@ -11,6 +11,8 @@ defmodule BB.Robot do
     * `:actuators`, `:controllers` - by name, as sensors
     * `:parameters` - their definitions in the order of the declaration: `BB.Parameter.Definition`
     * `:components` - all components in the order of their declaration, what the supervisors start: `BB.Component`
+    * `:simulation` - what hangs on the simulated buses, as `BB.Bus.Sim` and `BB.Bus.Sim.Lines` take it:
+      `%{i2c: [{"i2c-1", clock_hz: 400_000, devices: [{0x68, device}]}], gpio: […]}`
     * `:param_subscriptions` - which fields follow which parameters: for each path of a parameter the places, as
       `[:sensors, :imu, :rate]` for an option, `[:sensors, :encoder, :transmission, :offset]`,
       `[:joints, :shoulder, :limit, :upper]`
@@ -33,6 +35,7 @@ defmodule BB.Robot do
     controllers: %{},
     parameters: [],
     components: [],
+    simulation: %{i2c: [], gpio: []},
     param_subscriptions: %{}
   ]
 
@@ -53,6 +56,7 @@ defmodule BB.Robot do
           controllers: %{atom() => attached()},
           parameters: [BB.Parameter.Definition.t()],
           components: [Component.t()],
+          simulation: %{i2c: [{String.t(), keyword()}], gpio: [{String.t(), keyword()}]},
           param_subscriptions: %{BB.Parameter.path() => [[atom()]]}
         }
 

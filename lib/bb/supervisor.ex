@@ -6,6 +6,7 @@ defmodule BB.Supervisor do
       ├── MyRobot.Registry             names of components
       ├── MyRobot.PubSub               the bus
       ├── runtime                      BB.Parameter.Supervisor, the robot's parameters
+      ├── ▌ BB.Supervisor.Simulation   simulated buses, where the robot declares and has them
       ├── BB.Safety.Latch              holds the end until the robot is disarmed
       └── topology                     BB.Supervisor.Part
           ├── :battery                 BB.Component.Keeper ── BB.Component.Server
@@ -14,7 +15,8 @@ defmodule BB.Supervisor do
               └── joint :shoulder      BB.Supervisor.Part …
 
   A component that crashes, hangs or misses its device is its keeper's matter alone (`BB.Component.Keeper`): no supervisor
-  notices, so none ever restarts for it.
+  notices, so none ever restarts for it. ▌ is a bulkhead (`BB.Process.Bulkhead`): simulated buses that
+  end are started again there.
   """
 
   use Supervisor
@@ -24,7 +26,7 @@ defmodule BB.Supervisor do
   alias BB.Options.ValidationError
   alias BB.Parameter.Startup
   alias BB.Process.Successor
-  alias BB.Supervisor.Part
+  alias BB.Supervisor.{Part, Simulation}
 
   @options BB.Options.new!(
              params: [
@@ -83,13 +85,13 @@ defmodule BB.Supervisor do
     _ = inhibit(robot)
     BB.Safety.Warden.watch(robot, :root)
 
-    children = [
-      Successor.child_spec(BB.Process.registry_spec(robot)),
-      Successor.child_spec({BB.PubSub, robot}),
-      Successor.child_spec({BB.Parameter.Supervisor, {robot, given}}),
-      {BB.Safety.Latch, robot},
-      {Part, {robot, nil}}
-    ]
+    # What is disarmed at the end finds its buses.
+    children =
+      [
+        Successor.child_spec(BB.Process.registry_spec(robot)),
+        Successor.child_spec({BB.PubSub, robot}),
+        Successor.child_spec({BB.Parameter.Supervisor, {robot, given}})
+      ] ++ Simulation.children(robot) ++ [{BB.Safety.Latch, robot}, {Part, {robot, nil}}]
 
     Supervisor.init(children, strategy: :one_for_one)
   end

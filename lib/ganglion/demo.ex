@@ -2,14 +2,13 @@ defmodule Ganglion.Demo do
   @moduledoc """
   The demonstration behind `bin/demo`: the robot that ships, or the one with all drivers, on simulated buses, watched for a while.
 
-  It starts the simulated buses and the robot, subscribes to everything that the robot publishes, and each second shows what came. SIGTERM
+  It starts the robot with its simulated buses, subscribes to everything that the robot publishes, and each second shows what came. SIGTERM
   (which `bin/demo` makes of Ctrl-C) and the end of the time stop the robot in order; then comes the summary.
   """
 
   alias BB.Bus.Sim
   alias Ganglion.Demo.{LogTail, Observation, Options, Processor, Report, Signals}
   alias Ganglion.{Json, Robot}
-  alias Ganglion.Robots.All
 
   @topics ~w(camera imu tags)
   @carriers [:imu_outlet, :tags_inlet]
@@ -53,7 +52,7 @@ defmodule Ganglion.Demo do
     screen? = not options.json and System.get_env("GANGLION_TERMINAL") == "1"
     if screen?, do: LogTail.attach(self())
 
-    {:ok, _} = start_world(options.robot, imu)
+    :ok = record(imu)
     before = Observation.new(topics(options.robot), now())
 
     case options.robot.start_link() do
@@ -75,13 +74,14 @@ defmodule Ganglion.Demo do
     end
   end
 
-  defp start_world(All, _imu), do: All.World.start_link()
+  # What is on a bus already goes before what the robot declares.
+  defp record(nil), do: :ok
 
-  defp start_world(Robot, imu),
-    do:
-      Sim.start_link(
-        buses: %{"i2c-1" => [devices: %{@imu_address => {Sim.Mpu6050, source: imu}}]}
-      )
+  defp record(imu) do
+    devices = %{@imu_address => {Sim.Mpu6050, source: imu}}
+    {:ok, _} = Sim.start_link(buses: %{"i2c-1" => [devices: devices]})
+    :ok
+  end
 
   # The loop: messages as they come, a look each second, until the time is over or somebody stops it.
 
@@ -178,7 +178,7 @@ defmodule Ganglion.Demo do
 
   # Input
 
-  defp imu_source(nil), do: {:ok, :motion}
+  defp imu_source(nil), do: {:ok, nil}
 
   defp imu_source(path) do
     case Sim.Recording.load(path) do
@@ -203,8 +203,7 @@ defmodule Ganglion.Demo do
     end
   end
 
-  defp sentence(reason) when is_exception(reason), do: Exception.message(reason)
-  defp sentence(reason), do: Exception.format_exit(reason)
+  defp sentence(reason), do: BB.Supervisor.format_error(reason)
 
   defp fail(why, status) do
     IO.puts(:stderr, "demo: #{why}")

@@ -66,6 +66,13 @@ defmodule Ganglion.Robot do
     end
   end
 
+  # Where there is no bus of the machine's.
+  simulation do
+    i2c "i2c-1" do
+      device 0x68, {BB.Bus.Sim.Mpu6050, source: :motion}
+    end
+  end
+
   @doc "The ring topic in which a sensor's output can be seen, where it has one."
   @spec topic(atom()) :: String.t() | nil
   def topic(:camera), do: "camera"

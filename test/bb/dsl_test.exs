@@ -792,7 +792,9 @@ defmodule BB.DslTest do
         BB.Dsl.Origin,
         BB.Dsl.Axis,
         BB.Dsl.Limit,
-        BB.Dsl.Dynamics
+        BB.Dsl.Dynamics,
+        BB.Dsl.Simulation,
+        BB.Dsl.SimulatedBus
       ]
 
       defined =

@@ -6,7 +6,8 @@ defmodule BB.Bus.I2C do
       {:ok, bus} = i2c.open("i2c-1", timeout: 20)
       {:ok, <<0x68>>} = i2c.write_read(bus, 0x68, <<0x75>>, 1)
 
-  What talks to the wires is the backend: `Circuits.I2C` on a board, `BB.Bus.Sim.I2C` on the host (`config :ganglion, :i2c`).
+  What talks to the wires is the backend: `Circuits.I2C` where that library is there, as on a board,
+  else the simulation, `BB.Bus.Sim.I2C`; `config :ganglion, i2c: …` names another.
   Between it and the drivers stands one process for each bus. It starts with the first `open/2` and ends when the last handle is
   closed; a handle also closes when the process that opened it ends.
 
@@ -61,9 +62,14 @@ defmodule BB.Bus.I2C do
   def module(nil), do: __MODULE__
   def module(given) when is_atom(given), do: given
 
-  @doc "The module that talks to the wires: that of `config :ganglion, :i2c`, or else `Circuits.I2C`."
+  @doc """
+  The module that talks to the wires: that of `config :ganglion, :i2c`; without it `Circuits.I2C`
+  where it can be loaded, or else `BB.Bus.Sim.I2C`.
+  """
   @spec backend() :: module()
-  def backend, do: Application.get_env(:ganglion, :i2c, Circuits.I2C)
+  def backend, do: Application.get_env(:ganglion, :i2c) || default()
+
+  defp default, do: if(Code.ensure_loaded?(Circuits.I2C), do: Circuits.I2C, else: BB.Bus.Sim.I2C)
 
   @doc """
   Opens a bus. Options:

@@ -15,6 +15,9 @@ defmodule BB.Bus.Sim do
   `Circuits.I2C`; they cannot tell the difference. This module is the other side, the hand that holds the wires: it plugs
   and unplugs devices and makes them fail.
 
+  A robot that declares what hangs on its buses (`simulation do … end`, `BB.Dsl.Simulation`) needs no
+  `start_link/1`; `config :ganglion, simulated_buses: %{…}` has the application start some.
+
   ## Breaking things
 
       BB.Bus.Sim.unplug("i2c-1", 0x68)                      # every transfer to it: {:error, :i2c_nak}

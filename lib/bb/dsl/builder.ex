@@ -98,12 +98,14 @@ defmodule BB.Dsl.Builder do
       not Grammar.named?(kind) ->
         {nil, arguments}
 
-      arguments == [] ->
+      arguments == [] and Grammar.nameless?(kind) ->
         {unnamed(state, kind), []}
 
       true ->
-        check!(state, hd(state.stack), place, Rules.name(kind, hd(arguments)))
-        {hd(arguments), tl(arguments)}
+        parent = hd(state.stack)
+        name = List.first(arguments)
+        check!(state, parent, place, Rules.name(kind, name, parent.kind))
+        {name, Enum.drop(arguments, 1)}
     end
   end
 
@@ -125,6 +127,7 @@ defmodule BB.Dsl.Builder do
   # Parameters have the names of their groups before theirs; all other names hold for the whole robot.
   defp family(kind, path) when kind in [:param, :group], do: {:param, path}
   defp family(kind, path) when kind in [:link, :joint], do: {kind, List.last(path)}
+  defp family(kind, path) when kind in [:i2c, :gpio, :device], do: {kind, path}
   defp family(_kind, path), do: {:component, List.last(path)}
 
   defp check!(_state, _node, _place, :ok), do: :ok

@@ -18,8 +18,25 @@ defmodule BB.Dsl.Compiler do
     |> each(Node.nodes(node, :sensors), &components(&2, &1, [], nil))
     |> each(Node.nodes(node, :controllers), &components(&2, &1, [], nil))
     |> each(Node.nodes(node, :topology), &topology/2)
+    |> Map.put(:simulation, simulation(node))
     |> Map.update!(:components, &Enum.reverse/1)
     |> subscriptions()
+  end
+
+  defp simulation(node) do
+    sections = Node.nodes(node, :simulation)
+
+    for kind <- [:i2c, :gpio], into: %{} do
+      buses = for section <- sections, bus <- Node.nodes(section, kind), do: bus
+      {kind, Enum.map(buses, &{&1.name, Map.to_list(&1.fields) ++ [devices: devices(&1)]})}
+    end
+  end
+
+  defp devices(bus) do
+    for device <- Node.nodes(bus, :device) do
+      {:ok, module, options} = Child.parse(device.child)
+      {device.name, {module, options}}
+    end
   end
 
   # In the order of the declaration, which is that of their places.

@@ -10,7 +10,7 @@ defmodule BB.Dsl.Error do
 
   @type t :: %__MODULE__{
           module: module(),
-          path: [atom()],
+          path: [BB.Dsl.Node.name()],
           file: String.t(),
           line: non_neg_integer(),
           reason: String.t()

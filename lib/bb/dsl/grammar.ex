@@ -6,7 +6,8 @@ defmodule BB.Dsl.Grammar do
 
   @kinds [:robot, :settings, :sensors, :controllers, :topology, :link, :joint] ++
            [:sensor, :actuator, :controller, :transmission] ++
-           [:origin, :axis, :limit, :dynamics, :parameters, :group, :param]
+           [:origin, :axis, :limit, :dynamics, :parameters, :group, :param] ++
+           [:simulation, :i2c, :gpio, :device]
 
   @components [:sensor, :actuator, :controller]
 
@@ -17,7 +18,11 @@ defmodule BB.Dsl.Grammar do
 
   @doc "The entities that may stand inside one of `kind`."
   @spec entities(atom()) :: [atom()]
-  def entities(:robot), do: [:settings, :parameters, :sensors, :controllers, :topology]
+  def entities(:robot),
+    do: [:settings, :parameters, :sensors, :controllers, :topology, :simulation]
+
+  def entities(:simulation), do: [:i2c, :gpio]
+  def entities(kind) when kind in [:i2c, :gpio], do: [:device]
   def entities(kind) when kind in [:parameters, :group], do: [:param, :group]
   def entities(:sensors), do: [:sensor]
   def entities(:controllers), do: [:controller]
@@ -28,7 +33,11 @@ defmodule BB.Dsl.Grammar do
   def entities(_kind), do: []
 
   @doc "The entities that have a name."
-  def named?(kind), do: kind in [:link, :joint, :param, :group | @components]
+  def named?(kind),
+    do: kind in [:link, :joint, :param, :group, :i2c, :gpio, :device | @components]
+
+  @doc "Whether an entity that has a name may be declared without one."
+  def nameless?(kind), do: kind in [:link, :joint]
 
   @doc "The kinds of components."
   def components, do: @components
@@ -86,6 +95,17 @@ defmodule BB.Dsl.Grammar do
       upper: [type: {:struct, BB.Unit}],
       effort: [type: {:struct, BB.Unit}],
       velocity: [type: {:struct, BB.Unit}]
+    ]
+  end
+
+  def fields(:i2c), do: [clock_hz: [type: :pos_integer]]
+
+  def fields(:gpio) do
+    [
+      lines: [type: :pos_integer],
+      label: [type: :string],
+      labels: [type: {:map, :non_neg_integer, :string}],
+      timestamp_offset_ns: [type: :integer]
     ]
   end
 

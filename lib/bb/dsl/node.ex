@@ -5,11 +5,14 @@ defmodule BB.Dsl.Node do
 
   @type place :: %{file: String.t(), line: non_neg_integer()}
 
+  @typedoc "A name; of a simulated bus it is text, of a device on it an address."
+  @type name :: atom() | String.t() | non_neg_integer()
+
   @type t :: %__MODULE__{
           kind: atom(),
-          name: atom(),
+          name: name(),
           child: term(),
-          path: [atom()],
+          path: [name()],
           place: place(),
           fields: %{atom() => term()},
           nodes: [t()]

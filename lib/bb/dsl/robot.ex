@@ -32,4 +32,24 @@ defmodule BB.Dsl.Robot do
   @doc "The robot's links and joints, a tree with one root link, and the sensors on them."
   defmacro topology(block),
     do: entity(:topology, [block], 0, @values ++ [BB.Dsl.Topology], __CALLER__)
+
+  @doc """
+  What hangs on the buses where they are simulated: `i2c` and `gpio`, with a `device` each.
+
+      simulation do
+        i2c "i2c-1", clock_hz: 400_000 do
+          device 0x68, {BB.Bus.Sim.Mpu6050, source: :motion}
+        end
+
+        gpio "gpiochip0" do
+          device :bumper, {BB.Bus.Sim.Contact, pins: [contact: 17]}
+        end
+      end
+
+  It is started with the robot and below it, where `BB.Bus.I2C.backend/0` or `BB.Bus.GPIO.module/1` is
+  the simulation; on a board it stands aside. A bus that runs already is used as it is
+  (`BB.Bus.Sim.Wiring` says who goes first).
+  """
+  defmacro simulation(block),
+    do: entity(:simulation, [block], 0, [BB.Unit, BB.Dsl.Simulation], __CALLER__)
 end

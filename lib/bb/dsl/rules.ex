@@ -4,18 +4,42 @@ defmodule BB.Dsl.Rules do
   """
 
   alias BB.Dsl.{Child, Error, Grammar, Node}
+  alias BB.Bus.Sim.GPIO.Part
+  alias BB.Bus.Sim.Slot
   alias BB.{Options, Path, Unit}
   alias BB.Parameter.{Definition, Reference}
 
   @behaviours %{sensor: BB.Sensor, actuator: BB.Actuator, controller: BB.Controller}
 
+  # Of a simulated chip without a word on them.
+  @lines 54
+
   @type verdict :: :ok | {:error, String.t()}
 
-  @doc "Whether `name` can name an entity of `kind`."
-  @spec name(atom(), term()) :: verdict()
-  def name(_kind, name) when is_atom(name) and name not in [nil, true, false], do: :ok
+  @doc "Whether `name` can name an entity of `kind` inside one of the kind `parent`."
+  @spec name(atom(), term(), atom()) :: verdict()
+  def name(kind, name, _parent) when kind in [:i2c, :gpio] do
+    if is_binary(name) and name != "",
+      do: :ok,
+      else:
+        {:error,
+         "the name of #{the(kind)} must be text such as #{example(kind)}, got: #{inspect(name)}"}
+  end
 
-  def name(kind, name),
+  def name(:device, address, :i2c) do
+    if is_integer(address) and address in 0..127,
+      do: :ok,
+      else:
+        {:error,
+         "a device on #{the(:i2c)} stands at an address from 0 to 127 such as 0x68, got: #{inspect(address)}"}
+  end
+
+  # It is told what it is in the wrong place.
+  def name(:device, _name, parent) when parent != :gpio, do: :ok
+
+  def name(_kind, name, _parent) when is_atom(name) and name not in [nil, true, false], do: :ok
+
+  def name(kind, name, _parent),
     do:
       {:error, "the name of a #{kind} must be an atom such as :my_#{kind}, got: #{inspect(name)}"}
 
@@ -48,6 +72,14 @@ defmodule BB.Dsl.Rules do
   @doc "Whether the name of `node` is free; `first` is the node that has it already."
   @spec unique(Node.t(), Node.t() | nil) :: verdict()
   def unique(_node, nil), do: :ok
+
+  def unique(%{kind: kind} = node, first) when kind in [:i2c, :gpio, :device] do
+    {:error,
+     """
+     #{simulated(node)} is declared twice, first at #{Error.place(first.place)}; put both into \
+     one, or give one another place\
+     """}
+  end
 
   def unique(node, first) do
     {:error,
@@ -96,6 +128,13 @@ defmodule BB.Dsl.Rules do
     else
       {:error, reason} -> {:error, "#{kind} #{inspect(name)}: #{reason}"}
     end
+  end
+
+  def complete(%Node{kind: :device} = node) do
+    behaviour = if is_integer(node.name), do: BB.Bus.Sim.Device, else: BB.Bus.Sim.GPIO.Device
+
+    with {:error, reason} <- Child.check(node.child, behaviour),
+         do: {:error, "#{simulated(node)}: #{reason}"}
   end
 
   def complete(%Node{kind: :param} = node) do
@@ -178,7 +217,49 @@ defmodule BB.Dsl.Rules do
       when kind in [:origin, :axis],
       do: fields |> Map.to_list() |> all(&fits(&1, Grammar.fields(kind), definitions))
 
+  def settled(%Node{kind: :device} = node, bus, _definitions) do
+    {:ok, module, options} = Child.parse(node.child)
+
+    with :ok <- all(options, &unreferred/1),
+         :ok <- made(Code.ensure_loaded?(module), {module, options}, bus) do
+      :ok
+    else
+      {:error, reason} -> {:error, "#{simulated(node)}: #{reason}"}
+    end
+  end
+
   def settled(_node, _parent, _definitions), do: :ok
+
+  defp unreferred({key, value}) do
+    case Reference.buried([value]) do
+      nil ->
+        :ok
+
+      reference ->
+        {:error, "option #{inspect(key)} is #{shown(reference)}; write the value itself"}
+    end
+  end
+
+  # A model is pure: it can be made here as well as on its bus. One that waits for this robot to
+  # compile is made later.
+  defp made(false, _device, _bus), do: :ok
+
+  defp made(true, {module, _options} = device, bus) do
+    case try_out(device, bus) do
+      {:raise, exception} ->
+        {:error,
+         "#{inspect(module)} refuses its options: #{Exception.message(exception)}; correct them"}
+
+      # What the world lacks now, it may have then.
+      _made_or_lacking ->
+        :ok
+    end
+  end
+
+  defp try_out(device, %{kind: :i2c}), do: Slot.new(device, 0)
+
+  defp try_out(device, %{kind: :gpio, fields: fields}),
+    do: Part.new(device, 0, Map.get(fields, :lines, @lines))
 
   defp connected(%{name: name, kind: kind} = node, %{kind: parent}) do
     if parent != :joint and Node.nodes(node, :transmission) != [],
@@ -340,11 +421,23 @@ defmodule BB.Dsl.Rules do
     """
   end
 
+  defp simulated(%{kind: :device, name: address}) when is_integer(address),
+    do: "the simulated device at 0x" <> Integer.to_string(address, 16)
+
+  defp simulated(%{kind: :device, name: name}), do: "the simulated device #{inspect(name)}"
+  defp simulated(%{name: name}), do: "the simulated #{name}"
+
+  defp example(:i2c), do: ~s("i2c-1")
+  defp example(:gpio), do: ~s("gpiochip0")
+
   defp the(:robot), do: "the robot itself"
+  defp the(:i2c), do: "a simulated I2C bus"
+  defp the(:gpio), do: "a simulated chip of lines"
   defp the(:param), do: "a parameter"
 
   defp the(kind)
-       when kind in [:settings, :parameters, :sensors, :controllers, :topology, :dynamics],
+       when kind in [:settings, :parameters, :sensors, :controllers, :topology] or
+              kind in [:simulation, :dynamics],
        do: "#{kind}"
 
   defp the(kind) when kind in [:origin, :axis, :actuator], do: "an #{kind}"

@@ -15,7 +15,7 @@ defmodule Ganglion.Robots.All do
   | `:estop` | emergency stop, normally closed | line 27 | 50 Hz |
   | `:board` | the computer: load, memory, temperature | the kernel's files | 1 Hz |
 
-  What they are wired to is `Ganglion.Robots.All.World`.
+  What they are wired to where their buses are simulated is `Ganglion.Robots.All.World`.
   """
 
   use BB
@@ -30,6 +30,8 @@ defmodule Ganglion.Robots.All do
     QuadratureEncoder,
     TfLuna
   }
+
+  alias __MODULE__.World
 
   settings do
     name(:all)
@@ -110,6 +112,18 @@ defmodule Ganglion.Robots.All do
 
         link :forearm
       end
+    end
+  end
+
+  simulation do
+    for {bus, devices} <- World.buses() do
+      i2c bus do
+        for {address, model} <- devices, do: device(address, model)
+      end
+    end
+
+    gpio World.chip() do
+      for {name, model} <- World.lines(), do: device(name, model)
     end
   end
 end

@@ -39,7 +39,6 @@ defmodule BB.Test.Chaos.Sensors do
     seed = opts[:seed] || :rand.uniform(1_000_000)
     IO.puts("#{count} faults, seed #{seed}")
 
-    {:ok, _world} = All.World.start_link()
     {:ok, _robot} = All.start_link()
     await_all_up(1_000)
     rows = BB.Sensor.health(All)

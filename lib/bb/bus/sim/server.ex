@@ -7,7 +7,7 @@ defmodule BB.Bus.Sim.Server do
   use GenServer
   use BB.Process.Tolerant
 
-  alias BB.Bus.Sim.{Directory, Interrupts, Slot}
+  alias BB.Bus.Sim.{Directory, Interrupts, Slot, Wired}
 
   @registry BB.Bus.Sim.Registry
   @no_such_device 19
@@ -55,6 +55,7 @@ defmodule BB.Bus.Sim.Server do
 
     bus = %{
       slots: %{},
+      wired: %{},
       clock: clock,
       interrupts: if(is_function(clock), do: nil, else: Interrupts.new(name, clock)),
       clock_hz: opts[:clock_hz],
@@ -80,6 +81,25 @@ defmodule BB.Bus.Sim.Server do
       {:ok, bus} -> {:reply, :ok, bus}
       error -> {:reply, error, bus}
     end
+  end
+
+  def handle_call({:wire, address, device, robot}, _from, bus) do
+    case Wired.ask(bus.wired, address, present(bus.slots[address]), device, robot) do
+      :free -> wire(plug(address, device, bus), address, robot, bus)
+      :shared -> {:reply, :ok, wired(bus, address, robot)}
+      other -> {:reply, other, bus}
+    end
+  end
+
+  def handle_call({:unwire, robot}, _from, bus) do
+    {wired, gone} = Wired.drop(bus.wired, robot)
+
+    bus =
+      for address <- gone, reduce: %{bus | wired: wired} do
+        bus -> put_slot(bus, address, Slot.unplug(bus.slots[address]))
+      end
+
+    {:reply, :ok, bus}
   end
 
   def handle_call({order, address}, _from, bus) when order in @orders,
@@ -187,6 +207,14 @@ defmodule BB.Bus.Sim.Server do
              do: {:ok, put_slot(bus, address, slot)}
     end
   end
+
+  defp present(%{plugged?: true} = slot), do: {slot.module, slot.opts}
+  defp present(_nothing), do: nil
+
+  defp wire({:ok, bus}, address, robot, _before), do: {:reply, :ok, wired(bus, address, robot)}
+  defp wire(error, _address, _robot, bus), do: {:reply, error, bus}
+
+  defp wired(bus, address, robot), do: %{bus | wired: Wired.add(bus.wired, address, robot)}
 
   defp plug_all([], bus), do: {:ok, bus}
 

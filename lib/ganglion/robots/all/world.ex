@@ -3,8 +3,6 @@ defmodule Ganglion.Robots.All.World do
   What `Ganglion.Robots.All` is wired to, simulated: the buses and the chip of lines, with a device for each of its sensors.
   """
 
-  use Supervisor
-
   alias BB.Bus.Sim
 
   @typedoc "Where a sensor's device is: at an address of an I2C bus, or on lines of a chip under a name."
@@ -33,25 +31,21 @@ defmodule Ganglion.Robots.All.World do
 
   @chip "gpiochip0"
 
-  @doc "Starts it, linked to the caller."
-  @spec start_link() :: Supervisor.on_start()
-  def start_link, do: Supervisor.start_link(__MODULE__, [])
-
-  @impl Supervisor
-  def init([]) do
-    buses =
-      for {_sensor, bus, address, device} <- @i2c, reduce: %{} do
-        buses -> Map.update(buses, bus, [{address, device}], &[{address, device} | &1])
-      end
-
-    Supervisor.init(
-      [
-        {Sim, buses: Map.new(buses, fn {bus, devices} -> {bus, devices: devices} end)},
-        {Sim.Lines, chips: %{@chip => [devices: @gpio]}}
-      ],
-      strategy: :one_for_one
-    )
+  @doc "The I2C buses, and the devices on each by their addresses."
+  @spec buses() :: %{String.t() => [{byte(), Sim.device()}]}
+  def buses do
+    for {_sensor, bus, address, device} <- @i2c, reduce: %{} do
+      buses -> Map.update(buses, bus, [{address, device}], &[{address, device} | &1])
+    end
   end
+
+  @doc "The chip of lines."
+  @spec chip() :: String.t()
+  def chip, do: @chip
+
+  @doc "The devices on its lines, by their names."
+  @spec lines() :: [{atom(), Sim.Lines.device()}]
+  def lines, do: @gpio
 
   @doc "Where each sensor's device is. The processor's own sensors have none."
   @spec places() :: %{atom() => place()}

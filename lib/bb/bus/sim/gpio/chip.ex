@@ -5,7 +5,7 @@ defmodule BB.Bus.Sim.GPIO.Chip do
   use GenServer
   use BB.Process.Tolerant
 
-  alias BB.Bus.Sim.Directory
+  alias BB.Bus.Sim.{Directory, Wired}
   alias BB.Bus.Sim.GPIO.{Agenda, Handle, Line, Part}
   alias BB.Clock
 
@@ -57,6 +57,7 @@ defmodule BB.Bus.Sim.GPIO.Chip do
       lines: %{},
       handles: %{},
       parts: %{},
+      wired: %{},
       agenda: Agenda.new(),
       timer: nil
     }
@@ -145,6 +146,23 @@ defmodule BB.Bus.Sim.GPIO.Chip do
       %{^name => %{plugged?: true}} -> {:reply, {:error, :name_taken}, chip}
       _free -> plugged(plug(name, device, chip), chip)
     end
+  end
+
+  defp serve({:wire, name, device, robot}, _from, chip) do
+    case Wired.ask(chip.wired, name, present(chip.parts[name]), device, robot) do
+      :free -> wire(plug(name, device, chip), name, robot, chip)
+      :shared -> chip |> wired(name, robot) |> reply(:ok)
+      other -> {:reply, other, chip}
+    end
+  end
+
+  defp serve({:unwire, robot}, _from, chip) do
+    {wired, gone} = Wired.drop(chip.wired, robot)
+
+    for name <- gone, reduce: %{chip | wired: wired} do
+      chip -> pull(chip, name)
+    end
+    |> reply(:ok)
   end
 
   defp serve({order, name}, _from, chip) when order in [:unplug, :replug] do
@@ -343,8 +361,17 @@ defmodule BB.Bus.Sim.GPIO.Chip do
     end
   end
 
-  defp obey(:unplug, name, part, chip),
-    do: put_in(chip.parts[name], %{part | plugged?: false}) |> disconnect(name) |> reply(:ok)
+  defp present(%{plugged?: true} = part), do: {part.module, part.opts}
+  defp present(_nothing), do: nil
+
+  defp wire({:ok, chip}, name, robot, _before), do: chip |> wired(name, robot) |> reply(:ok)
+  defp wire({:raise, exception}, _name, _robot, chip), do: {:reply, {:raise, exception}, chip}
+
+  defp wired(chip, name, robot), do: %{chip | wired: Wired.add(chip.wired, name, robot)}
+
+  defp pull(chip, name), do: put_in(chip.parts[name].plugged?, false) |> disconnect(name)
+
+  defp obey(:unplug, name, _part, chip), do: chip |> pull(name) |> reply(:ok)
 
   defp obey(:replug, _name, %{plugged?: true, broken?: false}, chip), do: {:reply, :ok, chip}
 
