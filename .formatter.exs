@@ -7,7 +7,7 @@ locals_without_parens =
     [simulation: 1, i2c: 1, i2c: 2, i2c: 3, gpio: 1, gpio: 2, gpio: 3, device: 2, device: 3] ++
     [
       name: 1,
-     
+      topic_prefix: 1,
       parameter_store: 1,
       registry_module: 1,
       registry_options: 1,

@@ -6,7 +6,7 @@ defmodule BB do
 
     * `robot/0` - the declaration as data, a `BB.Robot`
     * `start_link/0,1` - starts the robot's processes (`BB.Supervisor`), registered under the module's name; `params:` sets
-      parameters (`BB.Parameter`)
+      parameters (`BB.Parameter`), `topic_prefix:` goes before the names of its ring topics (`BB.Topic`)
     * `child_spec/0,1` - for a place under a supervisor
 
   A wrong option of a component, or a wrong parameter, fails the start with `{:error, %BB.Options.ValidationError{}}`, whose
@@ -47,6 +47,19 @@ defmodule BB do
 
   @doc "Publishes a message on a path. See `BB.PubSub.publish/4`."
   defdelegate publish(robot, path, message, opts \\ []), to: BB.PubSub
+
+  @doc """
+  The ring topic of a name that the robot's components declare: with the robot's prefix (`BB.Topic`).
+
+  Raises `ArgumentError` when that is no topic's name.
+  """
+  @spec topic(module(), BB.Topic.name()) :: String.t()
+  def topic(robot, name) do
+    case BB.Topic.of(robot, name) do
+      {:ok, topic} -> topic
+      {:error, why} -> raise ArgumentError, why
+    end
+  end
 
   @doc """
   Calls a component by its name and returns its reply.

@@ -24,6 +24,7 @@ defmodule ArchitectureTest do
     callback: {~w(BB.Callback.*), []},
     telemetry: {~w(BB.Telemetry), [:callback]},
     errno: {~w(BB.Errno), []},
+    topic: {~w(BB.Topic), []},
     tolerant: {~w(BB.Process.Tolerant), []},
     envelope: {~w(BB.Message BB.Message.Compiler.*), [:options]},
     payload:
@@ -43,7 +44,7 @@ defmodule ArchitectureTest do
     declaration: {~w(BB.Component BB.Robot.*), ~w(transmission parameter unit)a},
     component:
       {~w(BB.Component.*),
-       ~w(declaration transmission parameter process pub_sub safety envelope payload options callback telemetry tolerant)a},
+       ~w(declaration transmission parameter process pub_sub safety envelope payload options callback telemetry tolerant topic)a},
 
     # The buses: simulated where there is no other. A robot may declare what hangs on them then.
     clock: {~w(BB.Clock.*), [:tolerant]},
@@ -53,14 +54,14 @@ defmodule ArchitectureTest do
     # The kinds of components.
     sensor:
       {~w(BB.Sensor BB.Sensor.Server BB.Sensor.SensorProfile BB.Sensor.Mimic BB.Actuator.* BB.Controller),
-       ~w(declaration component transmission parameter pub_sub envelope payload options)a},
+       ~w(declaration component transmission parameter pub_sub envelope payload options topic)a},
     dsl:
       {~w(BB.Dsl.*),
-       ~w(declaration transmission parameter sensor simulation path options unit)a},
+       ~w(declaration transmission parameter sensor simulation path topic options unit)a},
     supervisor:
       {~w(BB.Supervisor.*),
-       ~w(declaration component parameter safety process pub_sub bus simulation options callback)a},
-    facade: {~w(BB), ~w(dsl supervisor process pub_sub)a},
+       ~w(declaration component parameter safety process pub_sub bus simulation topic options callback)a},
+    facade: {~w(BB), ~w(dsl supervisor process pub_sub topic)a},
 
     # Drivers, and the bus as they see it. What is simulated behind it they cannot name.
     loop: {~w(BB.Loop), ~w(clock envelope unit telemetry)a},
@@ -70,8 +71,8 @@ defmodule ArchitectureTest do
        ~w(sensor polled clock loop bus safety envelope payload math unit options)a},
 
     # It looks at the topics that its program feeds. Its sensor carries nothing over.
-    ring: {~w(BB.Ring.*), ~w(options errno)a},
-    native_process: {~w(BB.Sensor.NativeProcess.*), ~w(sensor ring options)a},
+    ring: {~w(BB.Ring.*), ~w(topic options errno)a},
+    native_process: {~w(BB.Sensor.NativeProcess.*), ~w(sensor ring topic options)a},
 
     # What all drivers are tested by. It has a robot, and breaks its wires.
     conformance:
@@ -79,7 +80,7 @@ defmodule ArchitectureTest do
        ~w(facade sensor bus simulation clock parameter pub_sub envelope payload unit options)a},
 
     # Outlets and inlets are sensors too, docs/decisions/0003.
-    handoff: {~w(BB.Handoff.*), ~w(facade sensor ring envelope payload math options)a},
+    handoff: {~w(BB.Handoff.*), ~w(facade sensor ring topic envelope payload math options)a},
 
     # What validates, replaces and reaches the software of a board.
     firmware:

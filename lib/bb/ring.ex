@@ -186,29 +186,11 @@ defmodule BB.Ring do
 
   defp hex(tag), do: "0x" <> (tag |> Integer.to_string(16) |> String.pad_leading(16, "0"))
 
-  # The name of a topic that is made: read by each language's programs and tools.
   @doc false
-  def check_topic(topic) do
-    if is_binary(topic) and topic =~ ~r/\A[A-Za-z0-9_.-]{1,200}\z/ do
-      {:ok, topic}
-    else
-      {:error,
-       "a topic's name is 1 to 200 characters out of A-Z a-z 0-9 _ . -, got: #{inspect(topic)}"}
-    end
-  end
+  defdelegate check_topic(topic), to: BB.Topic, as: :check
 
-  # The name of a topic that is read: a publisher of other rules may have made it.
   @doc false
-  def check_found_topic(topic) do
-    if is_binary(topic) and String.valid?(topic) and byte_size(topic) <= 247 and
-         topic =~ ~r/\A[^\/[:cntrl:]]+\z/u do
-      {:ok, topic}
-    else
-      {:error,
-       "expected a topic's name: 1 to 247 bytes of text without / and control characters, " <>
-         "got: #{inspect(topic)}"}
-    end
-  end
+  defdelegate check_found_topic(topic), to: BB.Topic, as: :check_found
 
   @doc false
   def check_topic!(topic), do: topic |> check_topic() |> ok!()

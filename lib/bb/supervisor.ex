@@ -21,7 +21,7 @@ defmodule BB.Supervisor do
 
   use Supervisor
 
-  alias BB.Callback
+  alias BB.{Callback, Topic}
   alias BB.Component.{Checked, Resolution}
   alias BB.Options.ValidationError
   alias BB.Parameter.Startup
@@ -34,6 +34,12 @@ defmodule BB.Supervisor do
                default: [],
                doc:
                  "Values of parameters, nested as they are: `[imu: [rate: ~u(50 hertz)]]`. They go before persisted values and defaults."
+             ],
+             topic_prefix: [
+               type: {:or, [{:custom, BB.Topic, :check_prefix, []}, nil]},
+               default: nil,
+               doc:
+                 "What goes before the names of its ring topics (`BB.Topic`); `nil` is that of its settings."
              ]
            )
 
@@ -56,7 +62,10 @@ defmodule BB.Supervisor do
 
     with {:ok, opts} <- BB.Options.validate(opts, @options),
          {:ok, given} <- Startup.given(declared.parameters, opts[:params]),
-         :ok <- check(declared.components, robot, values(declared.parameters, given)) do
+         :ok <- check(declared.components, robot, values(declared.parameters, given)),
+         :ok <- check_topics(declared.components, opts[:topic_prefix]) do
+      # That of a robot that runs stays.
+      _ = if Process.whereis(robot) == nil, do: Topic.put_prefix(robot, opts[:topic_prefix])
       supervisor = BB.Process.supervisor_module(robot)
       supervisor.start_link(__MODULE__, {robot, given}, name: robot)
     end
@@ -130,6 +139,37 @@ defmodule BB.Supervisor do
     |> Enum.filter(&known?/1)
     |> Checked.options()
     |> Enum.find(:ok, &match?({:error, %ValidationError{}}, &1))
+  end
+
+  # Those of the settings were checked with the declaration.
+  defp check_topics(_components, nil), do: :ok
+
+  defp check_topics(components, prefix) do
+    Enum.find_value(components, :ok, fn component ->
+      Enum.find_value(topics(component), &misnamed(&1, prefix, component.path))
+    end)
+  end
+
+  defp topics(%{module: module, options: options}) do
+    opts = [expected: "a list of names", instead: "its topics are checked when it starts"]
+
+    if Code.ensure_loaded?(module) and function_exported?(module, :topics, 1),
+      do: names(Callback.call({module, :topics, [options]}, [accept: &accept_names/1] ++ opts)),
+      else: []
+  end
+
+  defp names({:ok, names}), do: names
+  defp names({:error, _failure}), do: []
+
+  defp accept_names(names),
+    do: if(is_list(names) and Enum.all?(names, &is_binary/1), do: {:ok, names}, else: :error)
+
+  defp misnamed(name, prefix, path) do
+    with {:error, why} <- Topic.resolve(name, prefix),
+         do:
+           {:error,
+            %ValidationError{message: why, key: :topic_prefix, value: prefix, keys_path: path}},
+         else: (_ok -> nil)
   end
 
   # A parameter without a default may have a persisted value.

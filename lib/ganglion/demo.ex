@@ -4,6 +4,9 @@ defmodule Ganglion.Demo do
 
   It starts the robot with its simulated buses, subscribes to everything that the robot publishes, and each second shows what came. SIGTERM
   (which `bin/demo` makes of Ctrl-C) and the end of the time stop the robot in order; then comes the summary.
+
+  Each run has ring topics of its own, `demo_<number of the process>.camera` and so on (`BB.Topic`), so that demonstrations go on
+  beside each other and beside other robots.
   """
 
   alias BB.Bus.Sim
@@ -53,9 +56,8 @@ defmodule Ganglion.Demo do
     if screen?, do: LogTail.attach(self())
 
     :ok = record(imu)
-    before = Observation.new(topics(options.robot), now())
 
-    case options.robot.start_link() do
+    case options.robot.start_link(topic_prefix: "demo_#{System.pid()}") do
       {:ok, robot} ->
         {:ok, _} = BB.subscribe(options.robot, [:sensor])
 
@@ -65,7 +67,7 @@ defmodule Ganglion.Demo do
            robot: robot,
            started: now(),
            screen?: screen?,
-           observation: before,
+           observation: Observation.new([], now()),
            processor: Processor.start()
          }}
 
@@ -121,7 +123,10 @@ defmodule Ganglion.Demo do
     end)
   end
 
-  defp topics(Robot), do: for(topic <- @topics, {:ok, info} <- [BB.Ring.info(topic)], do: info)
+  defp topics(Robot) do
+    for name <- @topics, {:ok, info} <- [BB.Ring.info(BB.topic(Robot, name))], do: info
+  end
+
   defp topics(_robot), do: []
 
   defp finish(demo) do

@@ -73,11 +73,14 @@ defmodule Ganglion.Robot do
     end
   end
 
-  @doc "The ring topic in which a sensor's output can be seen, where it has one."
+  @doc """
+  The ring topic in which a sensor's output can be seen, where it has one, with the prefix with which
+  the robot was started (`BB.Topic`).
+  """
   @spec topic(atom()) :: String.t() | nil
-  def topic(:camera), do: "camera"
-  def topic(:imu_outlet), do: "imu"
-  def topic(:tags_inlet), do: "tags"
+  def topic(:camera), do: BB.topic(__MODULE__, "camera")
+  def topic(:imu_outlet), do: BB.topic(__MODULE__, "imu")
+  def topic(:tags_inlet), do: BB.topic(__MODULE__, "tags")
   def topic(_name), do: nil
 
   @doc false

@@ -633,7 +633,7 @@ defmodule BB.DslTest do
                "a sensor has no :require; it takes :required, :retain, :max_silence, :transmission"
 
       assert mistake("settings nme: :x").reason ==
-               "settings has no :nme; it takes :name, :parameter_store, :registry_module, :registry_options, :supervisor_module"
+               "settings has no :nme; it takes :name, :topic_prefix, :parameter_store, :registry_module, :registry_options, :supervisor_module"
     end
 
     test "a field that is given twice" do

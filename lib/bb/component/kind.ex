@@ -15,7 +15,7 @@ defmodule BB.Component.Kind do
       unquote(starting())
       unquote(serving())
 
-      @optional_callbacks disarm: 1, explain: 1, inhibition: 0, max_silence: 1, rate: 1
+      @optional_callbacks disarm: 1, explain: 1, inhibition: 0, max_silence: 1, rate: 1, topics: 1
 
       @doc false
       defmacro __using__(opts), do: BB.Component.Callbacks.code(__MODULE__, opts)
@@ -88,6 +88,13 @@ defmodule BB.Component.Kind do
       what to change. Asked while a robot that declares one compiles; the default is `:ok`.
       """
       @callback max_silence(opts :: keyword()) :: :ok | {:error, String.t()}
+
+      @doc """
+      The ring topics that these options, as declared, name (`t:BB.Topic.name/0`), for one that works
+      with any: whether each fits the robot's prefix is checked while the robot compiles, and when it
+      starts.
+      """
+      @callback topics(opts :: keyword()) :: [BB.Topic.name()]
     end
   end
 

@@ -26,6 +26,7 @@ defmodule BB.Dsl.Builder do
     %__MODULE__{stack: [root]} = state = load(module)
     root = in_order(root)
     check_values(state, root, root, Rules.definitions(root))
+    check_topics(state, root, (Node.fields_of(root, :settings) || %{})[:topic_prefix])
     Module.delete_attribute(module, @state)
     root
   end
@@ -70,6 +71,12 @@ defmodule BB.Dsl.Builder do
   defp check_values(state, node, parent, definitions) do
     check!(state, node, node.place, Rules.settled(node, parent, definitions))
     Enum.each(node.nodes, &check_values(state, &1, node, definitions))
+  end
+
+  # The settings may stand below what they are about.
+  defp check_topics(state, node, prefix) do
+    check!(state, node, node.place, Rules.topics(node, prefix))
+    Enum.each(node.nodes, &check_topics(state, &1, prefix))
   end
 
   defp set_all(module, fields, place) do

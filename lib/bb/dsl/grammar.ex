@@ -50,6 +50,7 @@ defmodule BB.Dsl.Grammar do
   def fields(:settings) do
     [
       name: [type: :atom],
+      topic_prefix: [type: {:custom, BB.Topic, :check_prefix, []}],
       parameter_store: [type: {:or, [:module, {:tuple, [:module, :keyword_list]}]}],
       registry_module: [type: :module],
       registry_options: [type: :keyword_list],

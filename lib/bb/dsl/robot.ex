@@ -10,6 +10,7 @@ defmodule BB.Dsl.Robot do
   What holds for the robot as a whole.
 
     * `name` - what people call it, an atom
+    * `topic_prefix` - what goes before the names of its ring topics, text such as `"rover"` (`BB.Topic`)
     * `parameter_store` - where parameters are kept, `{BB.Parameter.Store.Log, path: "/data/params"}`
     * `registry_module` - a module with the functions of `Registry` for the robot's process registry (`Registry`)
     * `registry_options` - options for its start beside `keys:` and `name:`, such as `[partitions: 2]`

@@ -6,7 +6,7 @@ defmodule BB.Dsl.Rules do
   alias BB.Dsl.{Child, Error, Grammar, Node}
   alias BB.Bus.Sim.GPIO.Part
   alias BB.Bus.Sim.Slot
-  alias BB.{Options, Path, Unit}
+  alias BB.{Options, Path, Topic, Unit}
   alias BB.Parameter.{Definition, Reference}
 
   @behaviours %{sensor: BB.Sensor, actuator: BB.Actuator, controller: BB.Controller}
@@ -176,6 +176,24 @@ defmodule BB.Dsl.Rules do
 
   defp mistaken(module, what),
     do: "#{inspect(module)}.max_silence/1: #{what}; mend it, or remove max_silence"
+
+  @doc "Whether the ring topics that a component's options name are such with the robot's prefix."
+  @spec topics(Node.t(), String.t() | nil) :: verdict()
+  def topics(%Node{kind: kind} = node, prefix) when is_map_key(@behaviours, kind) do
+    {:ok, module, options} = Child.parse(node.child)
+
+    names =
+      if Code.ensure_loaded?(module) and function_exported?(module, :topics, 1),
+        do: module.topics(options),
+        else: []
+
+    with {:error, reason} <- all(names, &topic(&1, prefix)),
+         do: {:error, "#{kind} #{inspect(node.name)}: #{reason}"}
+  end
+
+  def topics(_node, _prefix), do: :ok
+
+  defp topic(name, prefix), do: with({:ok, _topic} <- Topic.resolve(name, prefix), do: :ok)
 
   @doc "The parameters that a robot's declaration has, by their paths."
   @spec definitions(Node.t()) :: %{BB.Parameter.path() => Definition.t()}

@@ -1,9 +1,9 @@
 defmodule BB.Handoff.Inlet do
   @schema BB.Options.new!(
             topic: [
-              type: {:custom, BB.Ring, :check_found_topic, []},
+              type: {:custom, BB.Topic, :check_declared_found, []},
               required: true,
-              doc: "The ring topic."
+              doc: "The ring topic, after the robot's prefix (`BB.Topic`)."
             ],
             encoding: [
               type: {:behaviour, BB.Handoff.Encoding},
@@ -66,34 +66,41 @@ defmodule BB.Handoff.Inlet do
   def init(opts) do
     %{robot: robot, path: path} = opts[:bb]
 
-    case Subscriber.open(opts[:topic], subscription(opts)) do
-      {:ok, ring} ->
-        {:ok,
-         %{
-           robot: robot,
-           name: List.last(path),
-           ring: ring,
-           ref: ring.ref,
-           encoding: opts[:encoding],
-           to: opts[:to] || [:sensor | path],
-           credits: opts[:credits],
-           used: 0,
-           decodes?: true,
-           published: 0,
-           lost: 0,
-           malformed: 0
-         }}
-
-      {:error, reason} ->
-        {:stop, down(reason)}
+    with {:ok, topic} <- topic(robot, opts[:topic]),
+         {:ok, ring} <- Subscriber.open(topic, subscription(opts)) do
+      {:ok,
+       %{
+         robot: robot,
+         name: List.last(path),
+         ring: ring,
+         ref: ring.ref,
+         encoding: opts[:encoding],
+         to: opts[:to] || [:sensor | path],
+         credits: opts[:credits],
+         used: 0,
+         decodes?: true,
+         published: 0,
+         lost: 0,
+         malformed: 0
+       }}
+    else
+      {:error, reason} -> {:stop, down(reason)}
     end
   end
+
+  defp topic(robot, name),
+    do: with({:error, why} <- BB.Topic.of(robot, name), do: {:error, {:topic, why}})
+
+  @doc false
+  @impl BB.Sensor
+  def topics(opts), do: List.wrap(opts[:topic])
 
   defp subscription(opts) do
     [active: opts[:credits], content: opts[:encoding].content(), untagged: opts[:untagged]]
   end
 
   defp down({:other_content, tag}), do: {:other_content, Content.name(tag)}
+  defp down({:topic, _why} = reason), do: reason
   defp down(reason), do: {:ring, reason}
 
   @impl BB.Sensor
@@ -119,6 +126,7 @@ defmodule BB.Handoff.Inlet do
 
   @impl BB.Sensor
   def explain({:ring, reason}), do: BB.Ring.format_error(reason)
+  def explain({:topic, why}), do: why
   def explain({:other_content, content}), do: Content.explain(content)
 
   @impl BB.Sensor

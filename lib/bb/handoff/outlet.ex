@@ -6,9 +6,9 @@ defmodule BB.Handoff.Outlet do
               doc: "The pubsub path, with everything below it."
             ],
             topic: [
-              type: {:custom, BB.Ring, :check_topic, []},
+              type: {:custom, BB.Topic, :check_declared, []},
               required: true,
-              doc: "The ring topic."
+              doc: "The ring topic, after the robot's prefix (`BB.Topic`)."
             ],
             encoding: [
               type: {:behaviour, BB.Handoff.Encoding},
@@ -73,7 +73,8 @@ defmodule BB.Handoff.Outlet do
     subscription = [message_types: [encoding.payload()], max_queue: @most_waiting]
 
     with {:ok, _} <- BB.subscribe(robot, opts[:from], subscription),
-         {:ok, publisher} <- open(opts) do
+         {:ok, topic} <- topic(robot, opts[:topic]),
+         {:ok, publisher} <- open(topic, opts) do
       {:ok,
        %{
          publisher: publisher,
@@ -88,9 +89,17 @@ defmodule BB.Handoff.Outlet do
          looked_at: now_ms()
        }}
     else
+      {:error, {:topic, _why} = reason} -> {:stop, reason}
       {:error, reason} -> {:stop, {:ring, reason}}
     end
   end
+
+  defp topic(robot, name),
+    do: with({:error, why} <- BB.Topic.of(robot, name), do: {:error, {:topic, why}})
+
+  @doc false
+  @impl BB.Sensor
+  def topics(opts), do: List.wrap(opts[:topic])
 
   @impl BB.Sensor
   def handle_info({:bb, _path, message}, state) do
@@ -124,6 +133,7 @@ defmodule BB.Handoff.Outlet do
 
   @impl BB.Sensor
   def explain({:ring, reason}), do: BB.Ring.format_error(reason)
+  def explain({:topic, why}), do: why
 
   def explain({:file_renewed, topic}),
     do: "somebody removed the file of the topic #{topic}; it was made anew"
@@ -136,8 +146,8 @@ defmodule BB.Handoff.Outlet do
   @impl BB.Sensor
   def terminate(_reason, state), do: Publisher.close(state.publisher)
 
-  defp open(opts) do
-    Publisher.open(opts[:topic],
+  defp open(topic, opts) do
+    Publisher.open(topic,
       slot_count: opts[:slot_count],
       slot_size: opts[:slot_size],
       content: opts[:encoding].content()

@@ -15,7 +15,7 @@ defmodule BB.Sensor.NativeProcess do
               type: :keyword_list,
               default: [],
               doc:
-                "The ring topics that it works with, given to it as options: `frames: \"camera\"` becomes `--frames camera`."
+                "The ring topics that it works with, given to it as options: `frames: \"camera\"` becomes `--frames camera`, with the robot's prefix before `camera` (`BB.Topic`)."
             ],
             publishes: [
               type: {:list, {:or, [:atom, :string]}},
@@ -104,6 +104,7 @@ defmodule BB.Sensor.NativeProcess do
 
     * `{:program_not_found, name}`, `{:not_executable, path}`, `{:unknown_application, app}`,
       `{:no_program, text}` - there is nothing to run, as `program:` has it
+    * `{:topic, text}` - a name of `topics` or `publishes` is none under the robot's prefix
     * `{:not_started, reason}`
     * `{:no_topic, key}` - `publishes` names what is not among `topics`
     * `{:exit_status, n}` - 128 + the signal's number when a signal ended it; 127 when it could
@@ -162,6 +163,7 @@ defmodule BB.Sensor.NativeProcess do
     do: "publishes: #{inspect(key)} is no ring topic; add it to its topics, or correct it"
 
   def explain({:not_started, reason}), do: "its program cannot be started: #{inspect(reason)}"
+  def explain({:topic, why}), do: why
   def explain(reason), do: Program.explain(reason)
 
   @doc false
@@ -197,7 +199,9 @@ defmodule BB.Sensor.NativeProcess do
 
   @impl BB.Sensor
   def init(opts) do
-    with {:ok, program} <- Program.find(opts[:program]), {:ok, feed} <- feed(opts) do
+    with {:ok, opts} <- resolve(opts),
+         {:ok, program} <- Program.find(opts[:program]),
+         {:ok, feed} <- feed(opts) do
       limit_ms = opts[:grace_ms] + @kill_limit_ms + @wake_limit_ms + @margin_ms
       :ok = BB.Sensor.shut_down_within(limit_ms)
 
@@ -221,6 +225,41 @@ defmodule BB.Sensor.NativeProcess do
     else
       {:error, reason} -> {:stop, reason}
     end
+  end
+
+  defp resolve(opts) do
+    robot = opts[:bb].robot
+
+    with {:ok, topics} <- resolve_all(opts[:topics], robot),
+         {:ok, publishes} <- resolve_all(opts[:publishes] || [], robot) do
+      {:ok, Keyword.merge(opts, topics: topics, publishes: if(opts[:publishes], do: publishes))}
+    end
+  end
+
+  # Those of `publishes` may be keys of `topics`.
+  defp resolve_all(names, robot) do
+    Enum.reduce_while(names, {:ok, []}, fn name, {:ok, resolved} ->
+      case resolve_one(name, robot) do
+        {:ok, topic} -> {:cont, {:ok, resolved ++ [topic]}}
+        {:error, why} -> {:halt, {:error, {:topic, why}}}
+      end
+    end)
+  end
+
+  defp resolve_one({key, name}, robot) do
+    with {:ok, topic} <- resolve_one(name, robot), do: {:ok, {key, topic}}
+  end
+
+  defp resolve_one(name, robot) when is_binary(name), do: BB.Topic.of(robot, name)
+  defp resolve_one(key, _robot), do: {:ok, key}
+
+  @doc false
+  @impl BB.Sensor
+  def topics(opts) do
+    for names <- [opts[:topics], opts[:publishes]], is_list(names), entry <- names do
+      with {_key, name} <- entry, do: name
+    end
+    |> Enum.filter(&is_binary/1)
   end
 
   # Only now does the keeper wait for its end.

@@ -66,7 +66,9 @@ defmodule Ganglion.Demo.Report do
         do: [
           "  ",
           vision_line(view),
-          "  ring: #{summary.ring.lost} lost, #{summary.ring.torn} torn\n"
+          "  ring: #{summary.ring.lost} lost, #{summary.ring.torn} torn, topics ",
+          Enum.map_join(Enum.sort(Map.keys(view.observation.topics)), ", ", & &1),
+          "\n"
         ],
         else: []
       ),
@@ -81,13 +83,11 @@ defmodule Ganglion.Demo.Report do
   defp ring?(view), do: view.observation.topics != %{}
 
   defp ring_lines(view) do
+    rows = [["topic", "state", "Hz", "count", "lost", "readers"] | topics(view)]
+    longest = rows |> Enum.map(&String.length(hd(&1))) |> Enum.max()
+
     if ring?(view),
-      do: [
-        topic_row(["topic", "state", "Hz", "count", "lost", "readers"]),
-        Enum.map(topics(view), &topic_row/1),
-        "\n",
-        vision_line(view)
-      ],
+      do: [Enum.map(rows, &topic_row(&1, max(longest + 1, 15))), "\n", vision_line(view)],
       else: []
   end
 
@@ -226,9 +226,9 @@ defmodule Ganglion.Demo.Report do
     ]
   end
 
-  defp topic_row([name, state, hz, count, lost, readers]) do
+  defp topic_row([name, state, hz, count, lost, readers], width) do
     [
-      pad(name, 15),
+      pad(name, width),
       pad(state, 8),
       lead(hz, 7),
       lead(count, 8),
