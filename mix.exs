@@ -22,7 +22,8 @@ defmodule Ganglion.MixProject do
   def application do
     [
       mod: {Ganglion.Application, []},
-      extra_applications: [:logger, :runtime_tools, :sasl, :ssh] ++ test_applications(Mix.env())
+      # SASL has the handler of alarms. What else an image needs stands with its release.
+      extra_applications: [:logger, :sasl] ++ test_applications(Mix.env())
     ]
   end
 
@@ -42,11 +43,11 @@ defmodule Ganglion.MixProject do
   defp load_compiler(_args) do
     unless Code.ensure_loaded?(Mix.Tasks.Compile.Cargo) do
       parts = Path.wildcard("lib/mix/tasks/compile.cargo/*.ex")
-      Kernel.ParallelCompiler.require(parts ++ ["lib/mix/tasks/compile.cargo.ex"])
+      Enum.each(parts ++ ["lib/mix/tasks/compile.cargo.ex"], &Code.require_file/1)
     end
   end
 
-  defp test_applications(:test), do: [:proper]
+  defp test_applications(:test), do: [:proper, :ssh]
   defp test_applications(_env), do: []
 
   if Version.match?(System.version(), ">= 1.15.0") do
@@ -62,11 +63,14 @@ defmodule Ganglion.MixProject do
     do: [archives: [nerves_bootstrap: "~> 1.16"], releases: [{@app, release()}]]
 
   # The templates in rel/ are for boards, whose VM is watched by a heart. The host's release has Mix's own.
-  defp host_release, do: [overwrite: true, rel_templates_path: "rel/host"]
+  defp host_release do
+    [overwrite: true, rel_templates_path: "rel/host", applications: [runtime_tools: :permanent]]
+  end
 
   defp release do
     [
       overwrite: true,
+      applications: [runtime_tools: :permanent, ssh: :permanent],
       cookie: "#{@app}_cookie",
       include_erts: &Nerves.Release.erts/0,
       steps: [&Nerves.Release.init/1, :assemble],

@@ -62,7 +62,7 @@ defmodule Mix.Tasks.Compile.Cargo do
   @impl Mix.Task.Compiler
   def run(_argv) do
     crates = crates()
-    triple = triple(System.get_env("CROSSCOMPILE"))
+    triple = toolchain()
     target_dir = target_dir(crates, triple)
     built = Path.join([target_dir, triple || "", "release"])
 
@@ -77,10 +77,7 @@ defmodule Mix.Tasks.Compile.Cargo do
     crates = crates()
     Priv.remove()
     # A folder that others have named may have more in it than what was built here.
-    unless given_target_dir(),
-      do: crates |> target_dir(triple(System.get_env("CROSSCOMPILE"))) |> File.rm_rf!()
-
-    :ok
+    if given_target_dir() == nil, do: remove(target_dir(crates, toolchain())), else: :ok
   end
 
   @doc """
@@ -129,6 +126,13 @@ defmodule Mix.Tasks.Compile.Cargo do
     do: [{"CARGO_TARGET_#{upper}_RUSTFLAGS", "-C target-feature=-crt-static"}]
 
   defp rustflags(_triple, _upper), do: []
+
+  defp toolchain, do: triple(System.get_env("CROSSCOMPILE"))
+
+  defp remove(folder) do
+    _ = File.rm_rf!(folder)
+    :ok
+  end
 
   defp crates do
     project = Mix.Project.config()

@@ -167,6 +167,8 @@ defmodule Mix.Tasks.Compile.CargoTest do
     test "is nothing where cargo only says that it has finished" do
       assert shown(["    Finished `release` profile [optimized] target(s) in 0.05s\n"]) == ""
       assert shown(["\e[1m\e[32m    Finished\e[0m `release` profile\n"]) == ""
+      waiting = "    Blocking waiting for file lock on build directory\n"
+      assert shown([waiting, "    Finished `release` profile\n"]) == waiting
     end
 
     test "is all that cargo says where it has something to say, as it comes" do

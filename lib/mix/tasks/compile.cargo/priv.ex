@@ -19,14 +19,14 @@ defmodule Mix.Tasks.Compile.Cargo.Priv do
     now = Map.new(files, fn {from, to} -> {to, put(Path.join(built, from), to, before[to])} end)
     gone = Map.keys(before) -- Map.keys(now)
     Enum.each(gone, &File.rm(path(&1)))
-    unless now == before, do: write(now)
+    _ = unless now == before, do: write(now)
     {if(now == before, do: :noop, else: :ok), []}
   end
 
   @doc "Removes what was installed."
   @spec remove() :: :ok
   def remove do
-    for {to, _kept} <- read(), do: File.rm(path(to))
+    _ = for {to, _kept} <- read(), do: File.rm(path(to))
     _ = File.rm(manifest())
     :ok
   end

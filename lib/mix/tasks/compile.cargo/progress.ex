@@ -2,8 +2,8 @@ defmodule Mix.Tasks.Compile.Cargo.Progress do
   @moduledoc """
   Shows what cargo says, line by line, on standard error. For `System.cmd(…, into: %Progress{})`.
 
-  cargo ends with a line that it has finished, also when there was nothing to do: alone it is not
-  shown.
+  cargo ends with a line that it has finished, also when there was nothing to do: alone, or after a
+  line that says for what it waits, it is not shown.
   """
 
   defstruct rest: "", shown?: false
@@ -15,14 +15,17 @@ defmodule Mix.Tasks.Compile.Cargo.Progress do
   def take(%__MODULE__{} = progress, text) do
     {lines, [rest]} = (progress.rest <> text) |> String.split("\n") |> Enum.split(-1)
 
-    Enum.reduce(lines, {"", %{progress | rest: rest}}, fn line, {show, progress} ->
-      if progress.shown? or not finished?(line),
-        do: {show <> line <> "\n", %{progress | shown?: true}},
-        else: {show, progress}
-    end)
+    {shown, progress} = Enum.flat_map_reduce(lines, %{progress | rest: rest}, &line/2)
+    {Enum.join(shown), progress}
   end
 
-  defp finished?(line), do: line =~ ~r/\A(\e\[[\d;]*m|\s)*Finished\b/
+  defp line(line, progress) do
+    if not progress.shown? and said?(line, "Finished"),
+      do: {[], progress},
+      else: {[line, "\n"], %{progress | shown?: progress.shown? or not said?(line, "Blocking")}}
+  end
+
+  defp said?(line, word), do: line =~ ~r/\A(\e\[[\d;]*m|\s)*#{word}\b/
 
   defimpl Collectable do
     alias Mix.Tasks.Compile.Cargo.Progress
@@ -36,7 +39,7 @@ defmodule Mix.Tasks.Compile.Cargo.Progress do
     defp last(progress), do: show(Progress.take(progress, "\n"))
 
     defp show({text, progress}) do
-      unless text == "", do: IO.write(:stderr, text)
+      _ = unless text == "", do: IO.write(:stderr, text)
       progress
     end
   end
