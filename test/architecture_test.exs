@@ -85,7 +85,7 @@ defmodule ArchitectureTest do
     # What validates, replaces and reaches the software of a board.
     firmware:
       {~w(BB.Firmware.*),
-       ~w(facade sensor driver native_process handoff ring safety process pub_sub envelope payload options tolerant)a},
+       ~w(facade sensor driver native_process handoff ring topic safety process pub_sub envelope payload options tolerant)a},
 
     # Composition.
     ganglion:

@@ -35,7 +35,8 @@ defmodule BB.Firmware.Guard do
             topic: [
               type: :string,
               default: "firmware_guard",
-              doc: "The ring topic for the round trip, for the guard alone."
+              doc:
+                "The ring topic for the round trip, for the guard alone, after the robot's prefix (`BB.Topic`)."
             ],
             started_ms: [type: :integer, doc: "When the VM was started, on the monotonic clock."]
           )
@@ -119,7 +120,7 @@ defmodule BB.Firmware.Guard do
 
     checks =
       Checks.new(opts[:robot],
-        topic: opts[:topic],
+        topic: topic(opts[:robot], opts[:topic]),
         network: opts[:network] || Source.configured(),
         reach: opts[:reach],
         fresh_ms: opts[:fresh_ms]
@@ -143,6 +144,14 @@ defmodule BB.Firmware.Guard do
     }
 
     {:ok, state, {:continue, :look}}
+  end
+
+  # A name that is too long with the prefix is the guard's alone as well without it.
+  defp topic(robot, name) do
+    case BB.Topic.of(robot, name) do
+      {:ok, topic} -> topic
+      {:error, _why} -> name
+    end
   end
 
   @impl GenServer

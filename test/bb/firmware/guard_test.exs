@@ -338,6 +338,33 @@ defmodule BB.Firmware.GuardTest do
     BB.Ring.Publisher.close(publisher)
   end
 
+  test "the guard's topic has the prefix of the robot's settings", context do
+    prefix = BB.Test.Run.unique("rover")
+    robot = robot_with_prefix(prefix)
+    beating(robot, :range, [:base_link, :range])
+    start_supervised!(robot)
+    topic = Native.topic("taken")
+    {:ok, publisher} = BB.Ring.Publisher.open("#{prefix}.#{topic}")
+    guard(context, robot, hopeless(topic: topic))
+    assert_receive {Memory, :revert}
+    assert Report.read(context.tmp_dir, :reverted) =~ "required: ring: the topic has a live"
+    BB.Ring.Publisher.close(publisher)
+  end
+
+  defp robot_with_prefix(prefix) do
+    BB.Test.Robot.create(
+      quote do
+        settings topic_prefix: unquote(prefix)
+
+        topology do
+          link :base_link do
+            sensor :range, BB.Test.Probe, required: true
+          end
+        end
+      end
+    )
+  end
+
   for status <- [:validated, :unknown] do
     test "a board whose firmware is #{status} is told of the start and left alone", context do
       {guard, memory} = guard(context, declared(), hopeless(status: unquote(status)))
