@@ -10,6 +10,7 @@ defmodule Ganglion.Demo do
   """
 
   alias BB.Bus.Sim
+  alias BB.Sensor.NativeProcess.Program
   alias Ganglion.Demo.{LogTail, Observation, Options, Processor, Report, Signals}
   alias Ganglion.{Json, Robot}
 
@@ -200,8 +201,13 @@ defmodule Ganglion.Demo do
   defp check_photographs(nil), do: :ok
 
   defp check_photographs(folder) do
-    camera = Application.app_dir(:ganglion, ["priv", "bin", "camera"])
+    case Program.find({:ganglion, "camera"}) do
+      {:ok, camera} -> check_photographs(folder, camera)
+      {:error, reason} -> {:error, Program.explain(reason)}
+    end
+  end
 
+  defp check_photographs(folder, camera) do
     case System.cmd(camera, ["--frames", folder, "--check"], stderr_to_stdout: true) do
       {_, 0} -> :ok
       {text, _} -> {:error, String.trim(text)}

@@ -26,7 +26,7 @@ defmodule Mix.Tasks.Compile.Cargo.Priv do
   @doc "Removes what was installed."
   @spec remove() :: :ok
   def remove do
-    _ = for {to, _kept} <- read(), do: File.rm(path(to))
+    Enum.each(Map.keys(read()), &File.rm(path(&1)))
     _ = File.rm(manifest())
     :ok
   end
