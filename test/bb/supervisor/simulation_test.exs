@@ -192,6 +192,29 @@ defmodule BB.Supervisor.SimulationTest do
     assert Process.whereis(robot) == root
   end
 
+  test "a robot that is killed is started again with its bus", %{bus: bus} do
+    robot = simulated(bus, [{0x68, @motion}])
+    children = [Supervisor.child_spec(robot, [])]
+    start_supervised!(%{id: :above, start: {Supervisor, :start_link, [children, above()]}})
+
+    for _ <- 1..8 do
+      pid = eventually(fn -> Process.whereis(robot) end)
+      Application.kill(pid)
+    end
+
+    assert eventually(fn -> on(bus) == [{0x68, Sim.Mpu6050}] end)
+    assert eventually(fn -> up?(robot) end)
+  end
+
+  # Between two lives of a robot there is nobody to ask.
+  defp up?(robot) do
+    health(robot, :brake).state == :up
+  rescue
+    ArgumentError -> false
+  end
+
+  defp above, do: [strategy: :one_for_one, max_restarts: 1_000, max_seconds: 1]
+
   test "a handler that is called at the robot's end finds the bus", %{bus: bus} do
     robot = start(simulated(bus, [{0x68, @motion}]))
     assert eventually(fn -> health(robot, :brake).state == :up end)

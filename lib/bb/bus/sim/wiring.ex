@@ -46,9 +46,8 @@ defmodule BB.Bus.Sim.Wiring do
     {devices, opts} = Keyword.pop(opts, :devices, [])
     state = %{robot: robot, kind: kind, name: name, bus: nil, own?: false, ref: nil}
 
-    with {:ok, state} <- attach(state, opts), :ok <- wire_all(devices, state) do
-      {:ok, state}
-    else
+    case connect(state, opts, devices) do
+      {:ok, state} -> {:ok, state}
       {:error, exception} -> {:stop, exception}
     end
   end
@@ -60,12 +59,27 @@ defmodule BB.Bus.Sim.Wiring do
   @impl GenServer
   def terminate(_reason, %{bus: nil}), do: :ok
 
-  def terminate(_reason, %{own?: true, ref: ref} = state) do
+  def terminate(_reason, %{own?: true} = state) do
     Process.exit(state.bus, :shutdown)
-    receive do: ({:DOWN, ^ref, :process, _bus, _reason} -> :ok)
+    await_end(state)
   end
 
   def terminate(_reason, state), do: ask(state, {:unwire, state.robot})
+
+  # A bus that ends in this moment, with the robot that has made it, is made anew.
+  defp connect(state, opts, devices) do
+    with {:ok, state} <- attach(state, opts) do
+      case wire_all(devices, state) do
+        :ok -> {:ok, state}
+        :bus_ended -> connect(await_end(state), opts, devices)
+        error -> error
+      end
+    end
+  end
+
+  defp await_end(%{ref: ref} = state) do
+    receive do: ({:DOWN, ^ref, :process, _bus, _reason} -> %{state | bus: nil, own?: false})
+  end
 
   defp attach(state, opts) do
     opts = [clock: BB.Clock.of(state.robot)] ++ opts
@@ -88,7 +102,7 @@ defmodule BB.Bus.Sim.Wiring do
         {:taken, present, robot} -> {:error, conflict(place, present, robot, state)}
         {:raise, exception} -> {:error, exception}
         {:error, reason} -> {:error, failure(state, "has no device at #{at(place)}", reason)}
-        :bus_ended -> {:error, failure(state, "has ended", :noproc)}
+        :bus_ended -> :bus_ended
       end
     end)
   end
