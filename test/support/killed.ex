@@ -45,17 +45,22 @@ defmodule BB.Test.Killed do
 
     Shoehorn.start(Applications, keeper, [:ganglion])
     {:ok, _} = Application.ensure_all_started(:ganglion)
-    again = for _ <- 2..kills, do: kill() && eventually(fn -> running?(robot) end, @wait_ms)
+    again = for _ <- 2..kills, do: kill_and_wait(robot)
     kill()
     board = receive do: ({Memory, :reboot} -> :reboot), after: (@wait_ms -> :nothing)
     {again, board, BB.Firmware.Story.recent(folder)}
+  end
+
+  defp kill_and_wait(robot) do
+    kill()
+    eventually(fn -> running?(robot) end, @wait_ms)
   end
 
   defp kill do
     pid = eventually(fn -> Process.whereis(Ganglion.Supervisor) end, @wait_ms)
     ref = Process.monitor(pid)
     Process.exit(pid, :kill)
-    receive do: ({:DOWN, ^ref, :process, ^pid, _} -> true)
+    receive do: ({:DOWN, ^ref, :process, ^pid, _} -> :ok)
   end
 
   defp running?(robot) do

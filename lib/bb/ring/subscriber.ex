@@ -104,7 +104,7 @@ defmodule BB.Ring.Subscriber do
   def active(%__MODULE__{handle: handle, ref: ref}, active) do
     case Native.subscriber_active(handle, native_active!(active)) do
       :ok -> :ok
-      :passive -> send(self(), {:bb_ring_passive, ref}) && :ok
+      :passive -> tell_passive(ref)
       :closed -> {:error, :closed}
     end
   end
@@ -208,6 +208,11 @@ defmodule BB.Ring.Subscriber do
     |> Keyword.take([:start, :policy, :guard, :untagged])
     |> Map.new()
     |> Map.put(:content, opts[:content])
+  end
+
+  defp tell_passive(ref) do
+    send(self(), {:bb_ring_passive, ref})
+    :ok
   end
 
   # Nothing here may refer to the message once `fun` has it: it would count as kept.

@@ -275,7 +275,8 @@ defmodule BB.Test.Chaos.Core do
   defp reread(values) do
     end_robots()
     start_application()
-    {:ok, _} = Robots.outside().start_link()
+    %{start: {module, function, args}} = Supervisor.child_spec(Robots.outside(), [])
+    {:ok, _} = apply(module, function, args)
     values
   end
 

@@ -9,7 +9,7 @@ defmodule BB.Test.Chaos.Lane do
   @patience_ns 5_000_000_000
 
   @typedoc "What became of a strike; times in nanoseconds, `shown_ns` and `up_ns` `nil` for what never came."
-  @type record :: %{
+  @type outcome :: %{
           strike: map(),
           began_ns: integer(),
           shown_ns: integer() | nil,
@@ -19,7 +19,7 @@ defmodule BB.Test.Chaos.Lane do
         }
 
   @doc "The records of the strikes, in their order."
-  @spec run(module(), [map()], (record() -> term())) :: [record()]
+  @spec run(module(), [map()], (outcome() -> term())) :: [outcome()]
   def run(robot, strikes, tell) do
     for strike <- strikes do
       record = strike(robot, strike)
