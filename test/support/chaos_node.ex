@@ -112,8 +112,8 @@ defmodule BB.Test.ChaosNode do
     word = bxor(writer, sequence * 0x9E37_79B9_7F4A_7C15 &&& @mask)
     length = size - @header
 
-    <<body::binary-size(length), _::binary>> =
-      :binary.copy(<<word::little-64>>, div(length, 8) + 1)
+    words = :binary.copy(<<word::little-64>>, div(length, 8) + 1)
+    body = binary_part(words, 0, length)
 
     [head, <<:erlang.crc32([head, body])::little-32>>, body]
   end

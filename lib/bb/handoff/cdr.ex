@@ -117,31 +117,29 @@ defmodule BB.Handoff.Cdr do
 
   defp read(:string, body, offset) do
     {size, start} = read(:u32, body, offset)
-    text_size = max(size - 1, 0)
-
-    case body do
-      <<_::binary-size(start), text::binary-size(text_size), 0, _::binary>> when size > 0 ->
-        {text, start + size}
-
-      <<_::binary-size(start), _::binary>> when size == 0 ->
-        {"", start}
-
-      _ ->
-        malformed({:truncated, start})
-    end
+    {text(part(body, start, size, start), start), start + size}
   end
 
   defp read(number, body, offset) do
     size = size(number)
     start = offset + padding(offset, size)
+    {parse(number, part(body, start, size, offset), start), start + size}
+  end
 
-    case body do
-      <<_::binary-size(start), bytes::binary-size(size), _::binary>> ->
-        {parse(number, bytes, start), start + size}
+  defp part(body, start, size, _offset) when start + size <= byte_size(body),
+    do: binary_part(body, start, size)
 
-      _ ->
-        malformed({:truncated, offset})
-    end
+  defp part(_body, _start, _size, offset), do: malformed({:truncated, offset})
+
+  # A string ends with a zero, which its size counts.
+  defp text(<<>>, _offset), do: <<>>
+
+  defp text(bytes, offset) do
+    size = byte_size(bytes) - 1
+
+    if :binary.at(bytes, size) == 0,
+      do: binary_part(bytes, 0, size),
+      else: malformed({:truncated, offset})
   end
 
   # Every element takes at least a byte, so that a count that lies ends at the end of the data.

@@ -135,7 +135,7 @@ defmodule BB.Bus.Sim.Mpu6050 do
   def read(count, now_ns, %{pointer: @fifo_r_w} = chip) do
     chip = chip |> end_reset(now_ns) |> sample(now_ns)
     taken = min(count, byte_size(chip.fifo))
-    <<bytes::binary-size(taken), rest::binary>> = chip.fifo
+    {bytes, rest} = :erlang.split_binary(chip.fifo, taken)
     {:ok, bytes <> :binary.copy(<<0xFF>>, count - taken), %{chip | fifo: rest}}
   end
 
@@ -311,7 +311,7 @@ defmodule BB.Bus.Sim.Mpu6050 do
   defp queue(chip, bytes) do
     case byte_size(bytes) - chip.model.fifo do
       over when over > 0 ->
-        <<_lost::binary-size(over), kept::binary>> = bytes
+        {_lost, kept} = :erlang.split_binary(bytes, over)
         %{chip | fifo: kept, overflowed?: true}
 
       _fits ->

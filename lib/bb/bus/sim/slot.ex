@@ -145,10 +145,9 @@ defmodule BB.Bus.Sim.Slot do
   defp wired_and(:ok, :ok), do: :ok
 
   defp both(one, other) do
-    size = byte_size(one) * 8
-    <<one::size(size)>> = one
-    <<other::size(size)>> = other
-    <<Bitwise.band(one, other)::size(size)>>
+    size = byte_size(one)
+    both = Bitwise.band(:binary.decode_unsigned(one), :binary.decode_unsigned(other))
+    <<both::size(size)-unit(8)>>
   end
 
   defp corrupt({:ok, bytes}, probability, dice) do
@@ -192,8 +191,11 @@ defmodule BB.Bus.Sim.Slot do
 
   defp read(module, count, now_ns, state) do
     case module.read(count, now_ns, state) do
-      {:ok, <<bytes::binary-size(count)>>, state} -> {{:ok, bytes}, state}
-      {:nak, state} -> {:nak, state}
+      {:ok, bytes, state} when is_binary(bytes) and byte_size(bytes) == count ->
+        {{:ok, bytes}, state}
+
+      {:nak, state} ->
+        {:nak, state}
     end
   end
 

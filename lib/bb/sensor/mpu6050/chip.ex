@@ -76,7 +76,7 @@ defmodule BB.Sensor.Mpu6050.Chip do
     size = Registers.status_size()
 
     with {:ok, bytes} <- read(chip, Registers.int_pin_cfg(), size + Registers.reading_size()),
-         <<status::binary-size(size), reading::binary>> = bytes,
+         {status, reading} = :erlang.split_binary(bytes, size),
          {:ok, status} <- status(chip, status),
          do: {:ok, decode(chip, reading), status.new?}
   end
@@ -108,7 +108,14 @@ defmodule BB.Sensor.Mpu6050.Chip do
     size = Registers.reading_size()
 
     with {:ok, bytes} <- read(chip, Registers.fifo_r_w(), count * size),
-         do: {:ok, for(<<frame::binary-size(size) <- bytes>>, do: decode(chip, frame))}
+         do: {:ok, bytes |> frames(size) |> Enum.map(&decode(chip, &1))}
+  end
+
+  defp frames(<<>>, _size), do: []
+
+  defp frames(bytes, size) do
+    {frame, rest} = :erlang.split_binary(bytes, size)
+    [frame | frames(rest, size)]
   end
 
   defp interrupts(chip), do: Registers.interrupts(chip.pulses?)
