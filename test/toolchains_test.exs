@@ -4,6 +4,7 @@ defmodule ToolchainsTest do
   use ExUnit.Case, async: true
 
   alias BB.Test.BitStrings
+  alias Mix.Tasks.Compile.Cargo
 
   @sources Path.wildcard("{bench,config,examples,lib,rel,test}/**/*.{ex,exs}") ++ ["mix.exs"]
 
@@ -58,5 +59,78 @@ defmodule ToolchainsTest do
         assert BitStrings.find(text, "a.ex") == [], text
       end
     end
+  end
+
+  # GCC takes C23 for granted from 15 on, and the AprilTag library is older C.
+  describe "a C compiler whose default is C23" do
+    @describetag :tmp_dir
+    @config ".cargo/config.toml"
+    @toolchains ~w(aarch64-nerves-linux-gnu armv6-nerves-linux-gnueabihf armv7-nerves-linux-gnueabihf
+                   riscv64-nerves-linux-gnu x86_64-nerves-linux-musl)
+
+    # Wherever a person or a distribution may set flags for this machine; theirs stay, but for the standard.
+    test "builds the AprilTag library, with everybody's own flags too", %{tmp_dir: tmp_dir} do
+      names = ["HOST_CFLAGS", "CFLAGS_" <> String.replace(host(), "-", "_")]
+      own = for name <- names, do: {name, "-DOWN_#{name} -std=gnu2x"}
+      assert {_, 0} = build("native", tmp_dir, own)
+      compiled = compiled(tmp_dir)
+      assert compiled != []
+      for line <- compiled, name <- ["CFLAGS" | names], do: assert(line =~ "-DOWN_#{name}")
+    end
+
+    test "builds the AprilTag library wherever in the repository cargo is called", context do
+      assert {_, 0} = build("docs", context.tmp_dir, [])
+    end
+
+    test "does not without the flags of #{@config}", %{tmp_dir: tmp_dir} do
+      assert {text, status} =
+               build(System.tmp_dir!(), tmp_dir, [{"APRILTAG_SYS_METHOD", "raw,static"}])
+
+      assert status != 0
+      assert text =~ "compiled as C23"
+    end
+
+    test "is told so for every board's target, beside the flags of the board's system" do
+      config = File.read!(@config)
+
+      for toolchain <- @toolchains do
+        triple = Cargo.triple(toolchain)
+        assert config =~ ~s("CFLAGS_#{triple}" = "-std=gnu17")
+        given = triple |> Cargo.env(%{"CFLAGS" => "-Os"}) |> Map.new()
+        assert given["CFLAGS_" <> String.replace(triple, "-", "_")] == "-Os"
+      end
+    end
+  end
+
+  # Without optimising, which takes long. What the library's build needs is kept for the next; the library itself is built
+  # anew each time, because of the time in its flags.
+  defp build(folder, tmp_dir, env) do
+    System.cmd(
+      "cargo",
+      ~w(build --locked --package apriltag-sys --config profile.dev.package.apriltag-sys.opt-level=0) ++
+        ["--manifest-path", Path.expand("native/Cargo.toml")] ++
+        ["--target-dir", Path.expand("_build/c23")],
+      cd: folder,
+      env: [
+        {"CC", Path.expand("test/support/c23/cc")},
+        {"CFLAGS", "-DOWN_CFLAGS -DAT_#{System.os_time()} -std=gnu2x"},
+        {"C23_LOG", log(tmp_dir)} | env
+      ],
+      stderr_to_stdout: true
+    )
+  end
+
+  defp host do
+    {text, 0} = System.cmd("rustc", ["-vV"])
+    [_, host] = Regex.run(~r/^host: (.*)$/m, text)
+    host
+  end
+
+  defp log(tmp_dir), do: Path.join(tmp_dir, "compiled.log")
+
+  defp compiled(tmp_dir) do
+    for line <- tmp_dir |> log() |> File.read!() |> String.split("\n"),
+        line =~ "apriltag-src",
+        do: line
   end
 end
