@@ -233,7 +233,7 @@ defmodule BB.Dsl.Rules do
 
   def settled(%Node{kind: kind, fields: fields}, _parent, definitions)
       when kind in [:origin, :axis],
-      do: fields |> Map.to_list() |> all(&fits(&1, Grammar.fields(kind), definitions))
+      do: fields |> Enum.sort() |> all(&fits(&1, Grammar.fields(kind), definitions))
 
   def settled(%Node{kind: :device} = node, bus, _definitions) do
     {:ok, module, options} = Child.parse(node.child)
@@ -295,7 +295,7 @@ defmodule BB.Dsl.Rules do
   defp followed(node, kind, schema, definitions) do
     fields = Node.fields_of(node, kind) || %{}
 
-    with {:error, reason} <- fields |> Map.to_list() |> all(&fits(&1, schema, definitions)),
+    with {:error, reason} <- fields |> Enum.sort() |> all(&fits(&1, schema, definitions)),
          do: {:error, "#{kind}: #{reason}"}
   end
 
@@ -389,7 +389,7 @@ defmodule BB.Dsl.Rules do
   defp in_range(joint) do
     limit = Node.fields_of(joint, :limit) || %{}
 
-    with :ok <- of_kinds(Map.to_list(limit), Grammar.limit_fields(joint.fields.type)),
+    with :ok <- of_kinds(Enum.sort(limit), Grammar.limit_fields(joint.fields.type)),
          do: ordered(limit)
   end
 

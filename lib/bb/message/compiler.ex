@@ -39,7 +39,7 @@ defmodule BB.Message.Compiler do
 
       @doc false
       def __payload__(attrs) when is_map(attrs) and not is_struct(attrs),
-        do: __payload__(Map.to_list(attrs))
+        do: __payload__(Enum.sort(attrs))
 
       def __payload__(attrs) do
         case bb_take(attrs, unquote_splicing(Enum.map(fields, fn _ -> @unset end))) do

@@ -61,7 +61,7 @@ defmodule BB.Options.Schema do
 
   @doc "Options against a checked schema."
   def validate(options, schema) when is_map(options) and not is_struct(options) do
-    with {:ok, list} <- validate(Map.to_list(options), schema), do: {:ok, Map.new(list)}
+    with {:ok, list} <- validate(Enum.sort(options), schema), do: {:ok, Map.new(list)}
   end
 
   def validate(options, schema) do

@@ -195,7 +195,7 @@ defmodule BB.Options.Type do
   def cast({:map, key_type, value_type}, value, key)
       when is_map(value) and not is_struct(value) do
     value
-    |> Map.to_list()
+    |> Enum.sort()
     |> cast_all(fn {{k, v}, _index} -> cast_pair(key_type, value_type, k, v) end)
     |> case do
       {:ok, pairs} -> {:ok, Map.new(pairs)}

@@ -43,11 +43,13 @@ defmodule Ganglion.Console.Reading do
   defp value([]), do: "none"
   defp value(list) when is_list(list), do: elements(list)
   defp value(tuple) when is_tuple(tuple), do: tuple |> Tuple.to_list() |> elements()
-  defp value(%_module{} = struct), do: nested(struct, Map.values(Map.from_struct(struct)))
+  defp value(%_module{} = struct), do: nested(struct)
   defp value(term), do: inspect(term, limit: @elements)
 
   # A point, a vector, a rotation: its numbers in the order of their names.
-  defp nested(struct, values) do
+  defp nested(struct) do
+    values = struct |> Map.from_struct() |> Enum.sort() |> Keyword.values()
+
     if Enum.all?(values, &is_number/1),
       do: elements(values),
       else: "{" <> Enum.join(fields(struct), ", ") <> "}"

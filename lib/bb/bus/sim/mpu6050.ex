@@ -205,7 +205,7 @@ defmodule BB.Bus.Sim.Mpu6050 do
 
   defp model!(other) do
     raise ArgumentError,
-          "expected model: one of #{inspect(Map.keys(@models))}, got: #{inspect(other)}"
+          "expected model: one of #{inspect(Enum.sort(Map.keys(@models)))}, got: #{inspect(other)}"
   end
 
   # Registers as seen from the bus.

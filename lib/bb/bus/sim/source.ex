@@ -47,5 +47,5 @@ defmodule BB.Bus.Sim.Source do
 
   defp unknown(other, defaults),
     do:
-      "expected a source of #{defaults |> Map.keys() |> Enum.map_join(", ", &inspect/1)}, got: #{inspect(other)}"
+      "expected a source of #{defaults |> Map.keys() |> Enum.sort() |> Enum.map_join(", ", &inspect/1)}, got: #{inspect(other)}"
 end

@@ -150,7 +150,7 @@ defmodule BB.Sensor.Mpu6050.Registers do
 
   @doc "All models."
   @spec models() :: [model()]
-  def models, do: Map.values(@identities)
+  def models, do: @identities |> Map.values() |> Enum.sort()
 
   @doc "What a model's WHO_AM_I says."
   @spec identity(model()) :: byte()
