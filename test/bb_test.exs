@@ -67,8 +67,14 @@ defmodule BBTest do
 
       Probe.script(robot, :sonar,
         handle_call: fn request, _from, s -> {:reply, {:called, request}, s} end,
-        handle_cast: fn request, s -> {send(test, {:cast, request}) && :noreply, s} end,
-        handle_info: fn message, s -> {send(test, {:sent, message}) && :noreply, s} end
+        handle_cast: fn request, s ->
+          send(test, {:cast, request})
+          {:noreply, s}
+        end,
+        handle_info: fn message, s ->
+          send(test, {:sent, message})
+          {:noreply, s}
+        end
       )
 
       assert BB.call(robot, :sonar, 1) == {:called, 1}

@@ -66,10 +66,10 @@ defmodule FirstLightTest do
     end
   end
 
-  defp next_tags,
-    do:
-      assert_receive({:bb, @tags, %BB.Message{payload: %TagDetections{} = found}}) &&
-        found
+  defp next_tags do
+    assert_receive {:bb, @tags, %BB.Message{payload: %TagDetections{} = found}}
+    found
+  end
 
   describe "the photographs" do
     @folder shared_data("tags")
@@ -87,7 +87,7 @@ defmodule FirstLightTest do
         end
 
       for {file, index, count} <- [{"swarmathon_1.txt", 0, 12}, {"swarmathon_2.txt", 1, 10}] do
-        reference = reference(Path.join(@folder, file))
+        reference = reference(file)
         detections = Map.fetch!(found, index)
         assert {length(reference), length(detections)} == {count, count}
 
@@ -102,8 +102,8 @@ defmodule FirstLightTest do
     end
 
     # One detection a line: id, (x y), (x y), (x y), (x y)
-    defp reference(path) do
-      for line <- File.stream!(path) do
+    defp reference(file) do
+      for line <- "tags" |> shared_data() |> Path.join(file) |> File.stream!() do
         [id | corners] = Regex.scan(~r/-?[\d.]+/, line) |> Enum.map(&hd/1)
 
         {String.to_integer(id),

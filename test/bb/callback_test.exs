@@ -69,7 +69,10 @@ defmodule BB.CallbackTest do
       assert {:error, {:exited, ":killed" <> _}} = call(fn -> Process.exit(self(), :kill) end)
 
       assert {:error, {:exited, ":broken"}} =
-               call(fn -> spawn_link(fn -> exit(:broken) end) && hang() end)
+               call(fn ->
+                 spawn_link(fn -> exit(:broken) end)
+                 hang()
+               end)
     end
 
     test "takes the time that it has, and no more" do
@@ -105,7 +108,10 @@ defmodule BB.CallbackTest do
             {fn -> throw(long) end, []},
             {fn -> exit({long, long}) end, []},
             {fn -> long end, [accept: &__MODULE__.even/1]},
-            {fn -> spawn_link(fn -> exit({:shutdown, long}) end) && hang() end, []}
+            {fn ->
+               spawn_link(fn -> exit({:shutdown, long}) end)
+               hang()
+             end, []}
           ] do
         assert {:error, {_how, words}} = call(fun, opts)
         assert String.length(words) < 500 and String.valid?(words)
@@ -151,7 +157,15 @@ defmodule BB.CallbackTest do
       test = self()
 
       caller =
-        spawn(fn -> call(fn -> send(test, {:pid, self()}) && hang() end, timeout_ms: 600_000) end)
+        spawn(fn ->
+          call(
+            fn ->
+              send(test, {:pid, self()})
+              hang()
+            end,
+            timeout_ms: 600_000
+          )
+        end)
 
       assert_receive {:pid, pid}, 30_000
       Process.exit(caller, :kill)

@@ -328,7 +328,15 @@ defmodule BB.HandoffTest do
         start_supervised!(robot)
         {:ok, _} = BB.subscribe(robot, [:sensor_status, :carrier], replay: true)
         assert_receive {:bb, _, %{payload: %{state: :stale, reason: {:silent, 2_000}}}}, 30_000
-        eventually(fn -> carry.() && health(robot, :carrier).state == :up end, 30_000)
+
+        eventually(
+          fn ->
+            carry.()
+            health(robot, :carrier).state == :up
+          end,
+          30_000
+        )
+
         assert_receive {:bb, _, %{payload: %{state: :up, restarts: 0}}}, 30_000
 
         # It stays so for as long as it carries.

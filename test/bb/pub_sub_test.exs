@@ -259,7 +259,10 @@ defmodule BB.PubSubTest do
       Task.await_many(publishers, :infinity)
 
       received =
-        for _ <- 1..800, do: assert_received({:bb, _, message}) && message.payload.restarts
+        for _ <- 1..800 do
+          assert_received {:bb, _, message}
+          message.payload.restarts
+        end
 
       for {_publisher, numbers} <- Enum.group_by(received, &div(&1, 1000)) do
         assert length(numbers) == 200

@@ -306,7 +306,13 @@ defmodule BB.RingTest do
     test "is released when its owner dies", %{topic: topic} do
       _publisher = open!(topic)
       test = self()
-      owner = spawn(fn -> send(test, {:open, attached!(topic)}) && Process.sleep(:infinity) end)
+
+      owner =
+        spawn(fn ->
+          send(test, {:open, attached!(topic)})
+          Process.sleep(:infinity)
+        end)
+
       assert_receive {:open, _}
       Process.exit(owner, :kill)
       await_readers(topic, 0)

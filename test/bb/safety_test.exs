@@ -199,7 +199,12 @@ defmodule BB.SafetyTest do
     test "{:timeout, ms} when it hangs, and it is killed" do
       robot = bare([@a, @b])
       test = self()
-      hang = fn _opts -> send(test, {:hanging, self()}) && Process.sleep(:infinity) end
+
+      hang = fn _opts ->
+        send(test, {:hanging, self()})
+        Process.sleep(:infinity)
+      end
+
       Brake.script(robot, @b, disarm: hang)
       :ok = Safety.arm(robot)
       disarming = Task.async(fn -> Safety.disarm(robot, timeout: 50) end)
@@ -328,8 +333,15 @@ defmodule BB.SafetyTest do
     test "is registered by its server, with the options of its init" do
       robot = with_brakes()
       test = self()
-      tell = fn what -> fn opts -> send(test, {what, opts}) && {:ok, nil} end end
-      Brake.script(robot, @a, init: tell.(:init), disarm: &(tell.(:disarm).(&1) && :ok))
+
+      tell = fn what, result ->
+        fn opts ->
+          send(test, {what, opts})
+          result
+        end
+      end
+
+      Brake.script(robot, @a, init: tell.(:init, {:ok, nil}), disarm: tell.(:disarm, :ok))
       start_supervised!(robot)
       assert_receive {:init, opts}
       :ok = Safety.arm(robot)
@@ -342,7 +354,12 @@ defmodule BB.SafetyTest do
     test "is registered before its init is called" do
       robot = with_brakes()
       test = self()
-      hang = fn _opts -> send(test, :in_init) && Process.sleep(:infinity) end
+
+      hang = fn _opts ->
+        send(test, :in_init)
+        Process.sleep(:infinity)
+      end
+
       Brake.script(robot, @a, init: hang)
       start_supervised!(robot)
       assert_receive :in_init
@@ -398,7 +415,14 @@ defmodule BB.SafetyTest do
         end
 
       test = self()
-      Brake.script(robot, [:brake], disarm: &(send(test, {:force, &1[:force]}) && :ok))
+
+      Brake.script(robot, [:brake],
+        disarm: fn opts ->
+          send(test, {:force, opts[:force]})
+          :ok
+        end
+      )
+
       start_supervised!(robot)
       assert eventually(fn -> health(robot, :brake).state == :up end)
       :ok = BB.Parameter.set(robot, [:force], 7)

@@ -51,8 +51,10 @@ defmodule BB.Callback.ManyTest do
       root = start(robot)
       for {name, _} <- hung, do: eventually(fn -> health(robot, name).state == :up end, long_ms())
 
-      for {name, module} <- hung,
-          do: send(BB.Process.whereis(robot, name), :now) && happens!(module)
+      for {name, module} <- hung do
+        send(BB.Process.whereis(robot, name), :now)
+        happens!(module)
+      end
 
       goes_on!(robot, BB.Process.whereis(robot, :neighbour))
       stops!(robot, root)
@@ -73,7 +75,10 @@ defmodule BB.Callback.ManyTest do
         handle_cast: fn _, _state -> shy end,
         handle_cast: fn _, _state -> throw(shy) end,
         handle_cast: fn _, _state -> exit({mute, [{__MODULE__, :hang, 0, []}]}) end,
-        handle_cast: fn _, _state -> spawn_link(fn -> exit({:wrapped, shy}) end) && hang() end
+        handle_cast: fn _, _state ->
+          spawn_link(fn -> exit({:wrapped, shy}) end)
+          hang()
+        end
       ]
 
       for {callback, way} <- ways do

@@ -404,7 +404,10 @@ defmodule BB.Component.KeeperTest do
           end
 
         imu(robot,
-          init: fn opts -> send(self(), :speak) && {:ok, opts[:bb]} end,
+          init: fn opts ->
+            send(self(), :speak)
+            {:ok, opts[:bb]}
+          end,
           handle_info: fn :speak, bb ->
             time = [monotonic_time: System.monotonic_time(:nanosecond) + shift_ns]
             BB.Sensor.publish(bb, BB.Message.new!(Counter.Count, :imu, [n: 0], time))

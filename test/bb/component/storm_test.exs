@@ -49,7 +49,8 @@ defmodule BB.Component.StormTest do
       {"what is linked fails",
        [
          handle_cast: fn _, _ ->
-           spawn_link(fn -> exit(:broken) end) && Process.sleep(:infinity)
+           spawn_link(fn -> exit(:broken) end)
+           Process.sleep(:infinity)
          end
        ], &cast/1},
       {"killed", [], &kill/1},

@@ -7,7 +7,7 @@ defmodule BB.Firmware.AttemptTest do
 
   # What does not hang has all the time that a busy machine needs.
   @quick [attempts: 2, pause_ms: 0, limit_ms: 30_000]
-  @limit_ms %{"never returns": 1_000}
+  @limit_ms ["never returns": 1_000]
 
   @wrong [
     raises: quote(do: raise("no card")),
@@ -27,7 +27,7 @@ defmodule BB.Firmware.AttemptTest do
         unquote(code)
       end
 
-      opts = Keyword.put(@quick, :limit_ms, Map.get(@limit_ms, unquote(what), 30_000))
+      opts = Keyword.put(@quick, :limit_ms, Keyword.get(@limit_ms, unquote(what), 30_000))
       log = capture_log(fn -> assert Attempt.run("the step", fun, opts) == :error end)
       assert_received :tried
       assert_received :tried

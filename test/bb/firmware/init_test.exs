@@ -36,7 +36,10 @@ defmodule BB.Firmware.InitTest do
         board: {Wild, unquote(how)},
         folder: folder,
         keys: folder,
-        mount: fn -> send(test, :mounted) && Wild.wrong(unquote(how), []) end,
+        mount: fn ->
+          send(test, :mounted)
+          Wild.wrong(unquote(how), [])
+        end,
         attempt: [attempts: 1, pause_ms: 0, limit_ms: limit_ms(unquote(how))]
       ]
 

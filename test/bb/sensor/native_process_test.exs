@@ -37,6 +37,14 @@ defmodule BB.Sensor.NativeProcessTest do
     {robot, marker, pid}
   end
 
+  # All below a guard, as soon as they are so many.
+  defp grown(guard, count) do
+    eventually(fn ->
+      pids = descendants(guard)
+      length(pids) >= count && pids
+    end)
+  end
+
   defp guarded(marker), do: processes("process_guard", marker)
   defp running(marker), do: processes("sh", marker)
 
@@ -230,7 +238,9 @@ defmodule BB.Sensor.NativeProcessTest do
   test "when its sensor stops, the program and all that it started are gone" do
     {robot, marker, _} = start!(shell_robot("sleep 600 & setsid sleep 600 & sleep 600; :"))
     guards = eventually(fn -> one(running(marker)) && one(guarded(marker)) end)
-    tree = eventually(fn -> (pids = descendants(hd(guards))) && length(pids) >= 4 && pids end)
+
+    tree = grown(hd(guards), 4)
+
     stop_supervised!(robot)
     for pid <- guards ++ tree, do: refute(running?(pid))
   end
@@ -408,7 +418,9 @@ defmodule BB.Sensor.NativeProcessTest do
       {robot, marker, _} = start!(shell_robot(script, grace_ms: 6_500))
       [os_pid] = eventually(fn -> one(running(marker)) end)
       [guard] = eventually(fn -> one(guarded(marker)) end)
-      tree = eventually(fn -> (pids = descendants(guard)) && length(pids) >= 2 && pids end)
+
+      tree = grown(guard, 2)
+
       stop_supervised!(robot)
       for pid <- [os_pid, guard | tree], do: refute(running?(pid))
     end
@@ -431,7 +443,9 @@ defmodule BB.Sensor.NativeProcessTest do
           start_supervised!(robot)
           {:ok, _} = BB.subscribe(robot, [:sensor_status, :shell])
           [guard] = eventually(fn -> one(guarded(marker)) end)
-          tree = eventually(fn -> (pids = descendants(guard)) && length(pids) >= 3 && pids end)
+
+          tree = grown(guard, 3)
+
           signal(unquote(signal), guard)
 
           assert_receive {:bb, _, %{payload: %Status{state: :backoff, reason: reason}}}, 30_000
@@ -446,7 +460,9 @@ defmodule BB.Sensor.NativeProcessTest do
         start_supervised!(robot)
         [guard] = eventually(fn -> one(guarded(marker)) end)
         [watch] = eventually(fn -> one(processes("process_watch", marker)) end)
-        tree = eventually(fn -> (pids = descendants(guard)) && length(pids) >= 3 && pids end)
+
+        tree = grown(guard, 3)
+
         signal("KILL", watch)
         eventually(fn -> health(robot, :shell).restarts > 0 end, 30_000)
         for pid <- [guard | tree], do: refute(running?(pid))
@@ -458,7 +474,9 @@ defmodule BB.Sensor.NativeProcessTest do
     {robot, marker, _} = start!(shell_robot(@daemon, grace_ms: 50))
     [guard] = eventually(fn -> one(guarded(marker)) end)
     [watch] = eventually(fn -> one(processes("process_watch", marker)) end)
-    tree = eventually(fn -> (pids = descendants(guard)) && length(pids) >= 3 && pids end)
+
+    tree = grown(guard, 3)
+
     # The watch first, which would end it at once.
     for pid <- [watch, guard], do: signal("STOP", pid)
     stop_supervised!(robot)
