@@ -71,3 +71,6 @@ config :ganglion,
 config :ganglion, BB.Firmware.Guard, folder: "/data/guard", reach: :lan
 config :ganglion, BB.Firmware.Gate, public_key: "/etc/ganglion/firmware.pub"
 config :ganglion, BB.Firmware.Network, disarm_after_ms: nil
+
+# The board's own buses, or simulated ones.
+import_config "buses.exs"

@@ -72,6 +72,10 @@ defmodule BB.Firmware.ImageTest do
       assert vm =~ "shell_history"
     end
 
+    test "senses on its own buses", %{config: config} do
+      assert config[:ganglion][:i2c] == Circuits.I2C
+    end
+
     test "is built of packages that are used" do
       files = ~w(config/target.exs rootfs_overlay/etc/iex.exs) ++ Path.wildcard("lib/**/*.ex")
       named = Enum.map_join(files, &letters(File.read!(&1)))
@@ -86,6 +90,40 @@ defmodule BB.Firmware.ImageTest do
 
     test "keeps nobody's login key that is not in its image", %{config: config} do
       refute String.starts_with?(config[:nerves_ssh][:user_dir], "/data")
+    end
+  end
+
+  describe "an image on simulated buses" do
+    @variable "GANGLION_BUSES"
+
+    defp buses(target, value) do
+      before = System.get_env(@variable)
+      on_exit(fn -> System.put_env([{@variable, before}]) end)
+      System.put_env([{@variable, value}])
+      Config.Reader.read!("config/target.exs", env: :prod, target: target)[:ganglion]
+    end
+
+    test "is that for QEMU, and for any board whose build asks for it" do
+      for {target, value} <- [qemu_aarch64: nil, qemu_aarch64: "simulated", rpi4: "simulated"] do
+        config = buses(target, value)
+        assert {config[:i2c], config[:gpio]} == {BB.Bus.Sim.I2C, BB.Bus.Sim.GPIO}
+        assert config[:robot] == Ganglion.Robot
+      end
+    end
+
+    test "is none where the board's own are asked for" do
+      for {target, value} <- [qemu_aarch64: "real", rpi4: "real", x86_64: nil] do
+        config = buses(target, value)
+        assert config[:i2c] == Circuits.I2C
+      end
+    end
+
+    test "takes no other word" do
+      error = assert_raise ArgumentError, fn -> buses(:rpi4, "fake") end
+
+      assert error.message ==
+               "expected GANGLION_BUSES to be real or simulated, got: \"fake\"; " <>
+                 "without it the image for rpi4 has real buses"
     end
   end
 
