@@ -62,7 +62,7 @@ defmodule BB.Component.Server do
   @spec start_link(keyword()) :: GenServer.on_start()
   def start_link(args) do
     %{robot: robot, path: path} = Keyword.fetch!(args, :bb)
-    GenServer.start_link(__MODULE__, args, name(robot, List.last(path)))
+    GenServer.start_link(__MODULE__, args, name(args[:__keeper__], robot, List.last(path)))
   end
 
   @doc "Tells the keeper of the calling component, if it has one, what is wrong although it goes on."
@@ -73,8 +73,10 @@ defmodule BB.Component.Server do
     :ok
   end
 
-  defp name(robot, name) do
-    if Process.whereis(BB.Process.registry_name(robot)),
+  # A keeper's has its name or does not start: the registry may be about to be started again. A
+  # driver's test need not have a robot.
+  defp name(keeper, robot, name) do
+    if keeper || Process.whereis(BB.Process.registry_name(robot)),
       do: [name: BB.Process.via(robot, name)],
       else: []
   end

@@ -482,4 +482,18 @@ defmodule BB.Component.KeeperTest do
       assert_status(robot, :imu, %{state: :stale})
     end
   end
+
+  describe "the robot's registry that is about to be started again" do
+    test "lets no component of a keeper's start without its name" do
+      args = [
+        __callback_module__: BB.Test.Probe,
+        __kind__: BB.Sensor,
+        bb: %{robot: RobotWithoutRegistry, path: [:imu]}
+      ]
+
+      assert_raise ArgumentError, fn ->
+        BB.Component.Server.start_link([__keeper__: self()] ++ args)
+      end
+    end
+  end
 end
