@@ -144,7 +144,7 @@ defmodule ArchitectureTest do
     "conduit_ring_nif" => ["conduit_ring"],
     "ganglion_messages" => [],
     "languages" => ["conduit_ring"],
-    "process_guard" => [],
+    "process_guard" => ["program"],
     "program" => [],
     "camera" => ["conduit_ring", "ganglion_messages", "program"],
     "vision_tags" => ["conduit_ring", "ganglion_messages", "program"],

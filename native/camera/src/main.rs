@@ -9,6 +9,7 @@ fn main() -> ExitCode {
     program::run("camera", |log| {
         match Call::parse(std::env::args_os().skip(1))? {
             Call::Help => program::print_help(HELP),
+            Call::Version => program::print_version("camera", env!("CARGO_PKG_VERSION")),
             Call::Check(picture) => camera::check(&picture)?,
             Call::Run(options) => run(&options, log)?,
         }

@@ -21,7 +21,8 @@ Usage: camera --topic NAME [options]
   --slots COUNT       frames that the ring holds, a power of two from 2 to 64; default 4
   --check             only look whether --frames can be used, without a topic
   --exit-with-stdin   end when stdin does
-  --help              this text
+  -h, --help          this text
+  -V, --version       the version
 ";
 
 const KNOWN: &[&str] = &[
@@ -33,6 +34,7 @@ const KNOWN: &[&str] = &[
     "--slots",
     "--check",
     "--exit-with-stdin",
+    "--version",
     "--help",
 ];
 
@@ -72,6 +74,8 @@ pub enum Picture {
 pub enum Call {
     /// To say how it is called.
     Help,
+    /// To say its version.
+    Version,
     /// To look whether these pictures can be used.
     Check(Picture),
     /// To be a camera.
@@ -102,6 +106,7 @@ impl Call {
                 "--slots" => slots = arguments.parse("a power of two from 2 to 64", is_slots)?,
                 "--check" => check = true,
                 "--exit-with-stdin" => exit_with_stdin = true,
+                "--version" => return Ok(Call::Version),
                 _ => return Ok(Call::Help),
             }
         }

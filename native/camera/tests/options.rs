@@ -94,10 +94,16 @@ fn photographs_with_a_size_are_refused() {
 
 #[test]
 fn help_tells_of_every_option() {
-    assert_eq!(Call::parse(["--help"]), Ok(Call::Help));
+    for help in ["-h", "--help"] {
+        assert_eq!(Call::parse([help]), Ok(Call::Help));
+    }
+    for version in ["-V", "--version"] {
+        assert_eq!(Call::parse([version]), Ok(Call::Version));
+    }
     let unknown = refusal(&["--nonsense"]);
     let (_, accepted) = unknown.split_once("accepted: ").expect("what is accepted");
     for option in accepted.split(' ') {
-        assert!(HELP.contains(&format!("  {option}")), "{option}");
+        let stands = |before: &str| HELP.contains(&format!("{before}{option}"));
+        assert!(stands("  ") || stands(", "), "{option}");
     }
 }

@@ -13,6 +13,11 @@ use std::time::{Duration, Instant};
 /// A silence that a line speaks of, seconds.
 const LONG_SILENCE_S: f64 = 1.0;
 
+/// The options of a verb that is a gauge.
+pub const OPTIONS: &[&str] = &[
+    "--every", "--window", "--count", "--wait", "--json", "--help",
+];
+
 /// Something that is measured of a stream of messages. Times are on the ring's clock.
 pub trait Gauge {
     /// What it is called in JSON.
@@ -51,7 +56,7 @@ pub fn run<G: Gauge>(
     log: Log,
 ) -> Result<(), Failure> {
     let topic = options.topic();
-    let mut watch = Watch::open(topic, watching, log)?;
+    let mut watch = Watch::open(options, watching, log)?;
     let mut ticks = Ticks::new(options.every, options.count);
     let mut last_seen_ns = None;
     watch::until_enough(&mut watch, output, |watch, sight, output| {

@@ -11,6 +11,7 @@
 //! Each verb is a file in `verbs`. Those that watch are observers: they take no reader slot, cost the publisher nothing, and
 //! go on when it dies and comes back.
 
+mod absent;
 mod content;
 mod decode;
 mod gauge;
@@ -35,6 +36,7 @@ fn main() -> ExitCode {
     program::run("ganglion", |log| {
         match options::read(std::env::args_os().skip(1))? {
             Call::Help(text) => program::print_help(&text),
+            Call::Version => program::print_version("ganglion", env!("CARGO_PKG_VERSION")),
             Call::Run(verb, options) => run(verb, &options, log)?,
         }
         Ok(())

@@ -4,6 +4,7 @@ use crate::verbs::{self, Verb};
 use conduit_ring::Topic;
 use program::Failure;
 use program::arguments::{Argument, Arguments};
+use program::nearest::hint;
 use std::ffi::OsString;
 use std::time::Duration;
 
@@ -14,6 +15,8 @@ const SECONDS: &str = "0.01 to 3600 seconds";
 pub enum Call {
     /// To say how it is called.
     Help(String),
+    /// To say its version.
+    Version,
     /// To do what a verb does.
     Run(&'static Verb, Options),
 }
@@ -31,6 +34,8 @@ pub struct Options {
     pub count: Option<u64>,
     /// Nothing is to be decoded.
     pub raw: bool,
+    /// To wait for a topic that is not there.
+    pub wait: bool,
     /// To begin with the newest message that is there.
     pub latest: bool,
     /// From line to line.
@@ -53,6 +58,7 @@ impl Default for Options {
             prefix: String::new(),
             count: None,
             raw: false,
+            wait: false,
             latest: false,
             every: Duration::from_secs(1),
             window: Duration::from_secs(5),
@@ -76,23 +82,54 @@ impl Options {
 /// Reads the arguments, without the program's name.
 pub fn read<A: Into<OsString>>(arguments: impl IntoIterator<Item = A>) -> Result<Call, Failure> {
     let mut arguments = arguments.into_iter().map(Into::into);
-    let first = arguments.next();
-    let Some(name) = first.as_ref().and_then(|name| name.to_str()) else {
-        return Err(usage(format!(
-            "a verb is missing; accepted: {}",
-            verbs::names()
-        )));
+    let Some(first) = arguments.next() else {
+        let verbs = verbs::names().join(" ");
+        return Err(usage(format!("a verb is missing; accepted: {verbs}")));
     };
-    if name == "--help" {
+    match first.to_string_lossy().as_ref() {
+        "-h" | "--help" => Ok(Call::Help(verbs::help())),
+        "-V" | "--version" => Ok(Call::Version),
+        "help" => help_call(arguments),
+        name => verb_call(verb(name)?, arguments),
+    }
+}
+
+fn help_call(mut arguments: impl Iterator<Item = OsString>) -> Result<Call, Failure> {
+    let Some(name) = arguments.next() else {
         return Ok(Call::Help(verbs::help()));
+    };
+    if let Some(more) = arguments.next() {
+        return Err(usage(format!(
+            "help takes one verb, got {more:?} too; accepted: help VERB"
+        )));
     }
-    match verbs::ALL.iter().find(|verb| verb.name == name) {
-        Some(verb) => verb_call(verb, arguments),
-        None => Err(usage(format!(
-            "there is no verb {name:?}; accepted: {}",
-            verbs::names()
-        ))),
+    match name.to_string_lossy().as_ref() {
+        "help" | "-h" | "--help" => Ok(Call::Help(verbs::help())),
+        name => verb(name).map(|verb| Call::Help(verb.help.into())),
     }
+}
+
+fn verb(name: &str) -> Result<&'static Verb, Failure> {
+    let known = verbs::ALL.iter().find(|verb| verb.name == name);
+    known.copied().ok_or_else(|| unknown(name))
+}
+
+/// What is neither a verb nor an option that stands before one.
+fn unknown(name: &str) -> Failure {
+    let verbs = verbs::names();
+    let (what, accepted) = if name.starts_with('-') {
+        (
+            "option",
+            [&["--help", "--version"], verbs.as_slice()].concat(),
+        )
+    } else {
+        ("verb", [verbs.as_slice(), &["help"]].concat())
+    };
+    let hint = hint(name, accepted.iter().copied());
+    usage(format!(
+        "there is no {what} {name:?}{hint} accepted: {}",
+        accepted.join(" ")
+    ))
 }
 
 fn verb_call(
@@ -118,6 +155,7 @@ fn take(option: &str, arguments: &mut Arguments, options: &mut Options) -> Resul
     match option {
         "--json" => options.json = true,
         "--raw" => options.raw = true,
+        "--wait" => options.wait = true,
         "--latest" => options.latest = true,
         "--fix" => options.fix = true,
         "--keep-dead" => options.keep_dead = true,
@@ -167,7 +205,7 @@ mod tests {
     fn options(arguments: &[&str]) -> Options {
         match read(arguments) {
             Ok(Call::Run(_, options)) => options,
-            Ok(Call::Help(_)) => panic!("help"),
+            Ok(Call::Help(_) | Call::Version) => panic!("no verb"),
             Err(failure) => panic!("{failure}"),
         }
     }
@@ -199,6 +237,31 @@ mod tests {
         assert!(refusal(&["topics", "a"]).contains("takes no \"a\""));
         assert!(refusal(&["hz", "a", "--fix"]).contains("no option \"--fix\""));
         assert!(refusal(&["hz", "a", "--window", "0"]).contains("0.01 to 3600 seconds"));
+    }
+
+    #[test]
+    fn a_slip_is_told_with_what_was_meant() {
+        let refused = refusal(&["topcis"]);
+        let expected = "there is no verb \"topcis\"; did you mean topics? accepted: topics info ";
+        assert!(refused.starts_with(expected), "{refused}");
+        assert!(refusal(&["--hlep"]).contains("did you mean --help? accepted: --help --version"));
+        assert!(refusal(&["hz", "a", "--widow", "1"]).contains("did you mean --window?"));
+        assert!(refusal(&["help", "ech"]).contains("did you mean echo?"));
+        assert!(refusal(&["help", "echo", "hz"]).contains("help takes one verb"));
+    }
+
+    #[test]
+    fn help_and_version_have_several_names() {
+        for given in [&["-h"][..], &["--help"], &["help"], &["help", "help"]] {
+            assert!(matches!(read(given), Ok(Call::Help(text)) if text == verbs::help()));
+        }
+        for given in [&["hz", "-h"][..], &["hz", "imu", "--help"], &["help", "hz"]] {
+            let told = "ganglion hz: ";
+            assert!(matches!(read(given), Ok(Call::Help(text)) if text.starts_with(told)));
+        }
+        for given in ["-V", "--version"] {
+            assert!(matches!(read([given]), Ok(Call::Version)));
+        }
     }
 
     #[test]

@@ -40,11 +40,8 @@ pub const ALL: &[&Verb] = &[
 ];
 
 /// Their names.
-pub fn names() -> String {
-    ALL.iter()
-        .map(|verb| verb.name)
-        .collect::<Vec<_>>()
-        .join(" ")
+pub fn names() -> Vec<&'static str> {
+    ALL.iter().map(|verb| verb.name).collect()
 }
 
 /// The answer to `ganglion --help`.
@@ -59,8 +56,10 @@ pub fn help() -> String {
     });
     format!(
         "ganglion: shows, measures and repairs the ring topics of this machine\n\n\
-         Usage: ganglion VERB [options]\n\n{}\n\
-         ganglion VERB --help tells more. With --json each verb prints one JSON object a line.\n\
+         Usage: ganglion VERB [options]\n\n{}\n  \
+         -h, --help     this text; ganglion help VERB and ganglion VERB --help tell more\n  \
+         -V, --version  the version\n\n\
+         With --json each verb prints one JSON object a line.\n\
          Exit status: 0, 1 when the world is in trouble, 2 for a wrong call.\n",
         lines.collect::<String>()
     )

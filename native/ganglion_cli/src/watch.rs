@@ -1,8 +1,9 @@
 //! Watching a topic: its messages, and what becomes of its publisher.
 
+use crate::options::Options;
 use crate::output::{Output, Record};
-use crate::{process, world};
-use conduit_ring::{ContentTag, Incarnation, Meta, Observer, ObserverOptions, Read, Topic};
+use crate::{absent, process, world};
+use conduit_ring::{ContentTag, Incarnation, Meta, Observer, ObserverOptions, Read};
 use program::{Failure, Log};
 use serde_json::{Value, json};
 use std::fmt;
@@ -51,8 +52,12 @@ pub struct Watch {
 
 impl Watch {
     /// Begins to watch. Says so if there is no publisher to watch yet.
-    pub fn open(topic: &Topic, options: &ObserverOptions, log: Log) -> Result<Watch, Failure> {
-        let observer = Observer::open(topic, options).map_err(world)?;
+    pub fn open(options: &Options, watching: &ObserverOptions, log: Log) -> Result<Watch, Failure> {
+        let topic = options.topic();
+        if !options.wait {
+            absent::refuse(topic)?;
+        }
+        let observer = Observer::open(topic, watching).map_err(world)?;
         if !observer.publisher_up() {
             log.line(format_args!("waiting for a publisher of {}", topic.name()));
         }

@@ -76,7 +76,7 @@ fn hz_notices_a_publisher_that_was_replaced_too_fast_to_be_missed() {
 fn hz_waits_for_a_topic_and_says_in_words_what_becomes_of_it() {
     let scratch = Scratch::new();
     let topic = scratch.topic("a");
-    let mut hz = Watcher::start(&["hz", topic.name(), "--every", "0.1"]);
+    let mut hz = Watcher::start(&["hz", topic.name(), "--wait", "--every", "0.1"]);
     hz.line_with(|line| line.contains("publisher absent"));
     let publisher = Helper::start("publish", &topic);
     let came = hz.line_with(|line| line.starts_with("-- "));

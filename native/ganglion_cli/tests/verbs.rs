@@ -20,9 +20,19 @@ fn help_names_every_verb_and_every_verb_has_its_own() {
     assert_eq!((help.status, help.stderr.as_str()), (Some(0), ""));
     for verb in ["topics", "info", "echo", "hz", "bw", "latency", "doctor"] {
         assert!(help.stdout.contains(&format!("\n  {verb}")), "{verb}");
-        let help = run(&[verb, "--help"]);
-        assert_eq!(help.status, Some(0));
-        assert!(help.stdout.starts_with(&format!("ganglion {verb}: ")));
+        for call in [[verb, "--help"], [verb, "-h"], ["help", verb]] {
+            let help = run(&call);
+            assert_eq!((help.status, help.stderr.as_str()), (Some(0), ""));
+            assert!(help.stdout.starts_with(&format!("ganglion {verb}: ")));
+        }
+    }
+    for call in ["-h", "help"] {
+        assert_eq!(run(&[call]).stdout, help.stdout);
+    }
+    for call in ["-V", "--version"] {
+        let version = run(&[call]);
+        let expected = format!("ganglion {}\n", env!("CARGO_PKG_VERSION"));
+        assert_eq!((version.status, version.stdout), (Some(0), expected));
     }
 }
 
@@ -50,10 +60,19 @@ fn a_wrong_call_is_one_line_and_status_2() {
 #[test]
 fn a_topic_that_is_not_there_or_is_broken_is_one_line_and_status_1() {
     let scratch = Scratch::new();
-    let topic = scratch.topic("a");
-    let answer = run(&["info", topic.name()]);
-    assert_eq!((answer.status, answer.stderr.lines().count()), (Some(1), 1));
-    assert!(answer.stderr.contains("there is no such topic"));
+    let topic = scratch.topic("camera");
+    let _near = publisher(&topic, ContentTag::RAW);
+    let mistyped = topic.name().replace("camera", "camara");
+    for verb in ["info", "echo", "hz", "bw", "latency"] {
+        let answer = run(&[verb, &mistyped]);
+        assert_eq!((answer.status, answer.stderr.lines().count()), (Some(1), 1));
+        assert!(answer.stderr.starts_with(&format!(
+            "ganglion: no topic {mistyped}; did you mean {}? topics: ",
+            topic.name()
+        )));
+    }
+
+    let topic = scratch.topic("broken");
 
     write(&topic, &[7; 5000]);
     for verb in ["info", "hz"] {

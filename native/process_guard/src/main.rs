@@ -53,6 +53,10 @@ fn main() -> ExitCode {
             print!("{}", options::HELP);
             ExitCode::SUCCESS
         }
+        Ok(Request::Version) => {
+            println!("process_guard {}", env!("CARGO_PKG_VERSION"));
+            ExitCode::SUCCESS
+        }
         Ok(Request::Run(command)) => run(&command, &arguments, watched),
         Err(error) => fail(Speech::Plain, &error, 2),
     }

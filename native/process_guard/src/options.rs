@@ -4,6 +4,7 @@ use std::ffi::OsString;
 use std::time::Duration;
 
 use crate::output::Speech;
+use program::nearest::hint;
 
 pub const HELP: &str = "\
 Run a program that cannot outlive its supervisor.
@@ -16,8 +17,19 @@ usage: process_guard [OPTION N]... [--] PROGRAM [ARGUMENT...]
   --lines-per-second N  lines of its output that go on, ten times as many at once, 1 to 100000
                         (default 100)
   --frames N            speak frames, at most N of them ahead of the supervisor, 1 to 1024
-  --help                this text
+  -h, --help            this text
+  -V, --version         the version
 ";
+
+const KNOWN: &[&str] = &[
+    "--grace-ms",
+    "--halt-ms",
+    "--nice",
+    "--lines-per-second",
+    "--frames",
+    "--help",
+    "--version",
+];
 
 const DEFAULT_GRACE: Duration = Duration::from_millis(500);
 const DEFAULT_LINES_PER_SECOND: u32 = 100;
@@ -38,6 +50,7 @@ pub struct Command {
 #[derive(Debug, PartialEq)]
 pub enum Request {
     Help,
+    Version,
     Run(Command),
 }
 
@@ -52,11 +65,10 @@ pub fn parse(arguments: impl Iterator<Item = OsString>) -> Result<Request, Strin
         lines_per_second: DEFAULT_LINES_PER_SECOND,
         speech: Speech::Plain,
     };
-    while let Some(option) =
-        arguments.next_if(|argument| argument.to_string_lossy().starts_with("--"))
-    {
+    while let Some(option) = arguments.next_if(is_option) {
         match option.to_str() {
-            Some("--help") => return Ok(Request::Help),
+            Some("--help" | "-h") => return Ok(Request::Help),
+            Some("--version" | "-V") => return Ok(Request::Version),
             Some("--") => break,
             Some(name) => set(&mut command, name, &mut arguments)?,
             None => return Err(unknown(&option.to_string_lossy())),
@@ -67,6 +79,12 @@ pub fn parse(arguments: impl Iterator<Item = OsString>) -> Result<Request, Strin
         .ok_or("no program given; usage: process_guard [OPTION N]... [--] PROGRAM [ARGUMENT...]")?;
     command.arguments = arguments.collect();
     Ok(Request::Run(command))
+}
+
+/// Other letters with one dash may begin a program's name.
+fn is_option(argument: &OsString) -> bool {
+    let text = argument.to_string_lossy();
+    text.starts_with("--") || text == "-h" || text == "-V"
 }
 
 fn set(
@@ -92,8 +110,9 @@ fn set(
 
 fn unknown(option: &str) -> String {
     format!(
-        "unknown option {option}; accepted: --grace-ms N, --halt-ms N, --nice N, \
-         --lines-per-second N, --frames N, --help"
+        "unknown option {option}{} accepted: --grace-ms N, --halt-ms N, --nice N, \
+         --lines-per-second N, --frames N, --help, --version",
+        hint(option, KNOWN.iter().copied())
     )
 }
 
@@ -136,7 +155,22 @@ mod tests {
     }
 
     #[test]
+    fn help_and_version_have_a_letter_each() {
+        for help in ["-h", "--help"] {
+            assert_eq!(parse_all(&[help]), Ok(Request::Help));
+        }
+        for version in ["-V", "--version"] {
+            assert_eq!(parse_all(&[version]), Ok(Request::Version));
+        }
+    }
+
+    #[test]
     fn a_wrong_option_is_named() {
+        let slip = parse_all(&["--gracems", "1", "echo"]).unwrap_err();
+        assert!(
+            slip.contains("--gracems; did you mean --grace-ms?"),
+            "{slip}"
+        );
         assert!(
             parse_all(&["--speed", "echo"])
                 .unwrap_err()

@@ -1,4 +1,5 @@
-//! Options as our programs take them: `--long-name VALUE` or `--long-name=VALUE`, nothing else.
+//! Options as our programs take them: `--long-name VALUE` or `--long-name=VALUE`. Only help and version have letters too:
+//! `-h`, `-V`.
 //!
 //! ```
 //! use program::arguments::Arguments;
@@ -17,6 +18,7 @@
 //! ```
 
 use crate::Failure;
+use crate::nearest::hint;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -70,6 +72,8 @@ impl Arguments {
         let typed = match self.parser.next() {
             Ok(None) => return Ok(None),
             Ok(Some(lexopt::Arg::Long(name))) => format!("--{name}"),
+            Ok(Some(lexopt::Arg::Short('h'))) => "--help".to_owned(),
+            Ok(Some(lexopt::Arg::Short('V'))) => "--version".to_owned(),
             Ok(Some(lexopt::Arg::Short(letter))) => format!("-{letter}"),
             Ok(Some(lexopt::Arg::Value(value))) => return Ok(Some(Argument::Plain(value))),
             Err(_) => return Err(self.refuse("a value", "no value")),
@@ -85,7 +89,8 @@ impl Arguments {
 
     fn unknown(&self, typed: &str) -> Failure {
         Failure::Usage(format!(
-            "there is no option {typed:?}; accepted: {}",
+            "there is no option {typed:?}{} accepted: {}",
+            hint(typed, self.known.iter().copied()),
             self.known.join(" ")
         ))
     }

@@ -5,9 +5,11 @@
 //! | [`arguments`] | `--long-name VALUE`; a wrong one is named together with what is accepted |
 //! | [`Failure`], [`run`] | one line on stderr and the exit status: 2 for a wrong call, 1 for the world's trouble |
 //! | [`Log`] | plain lines on stderr that start with the program's name |
+//! | [`nearest`] | what was meant by a name that nobody has |
 //! | [`stop`] | SIGTERM, SIGINT and, when asked for, the end of stdin end the program cleanly |
 
 pub mod arguments;
+pub mod nearest;
 pub mod stop;
 
 use std::fmt;
@@ -68,6 +70,11 @@ pub fn run(program: &'static str, body: impl FnOnce(Log) -> Result<(), Failure>)
             ExitCode::from(failure.exit_status())
         }
     }
+}
+
+/// Prints the answer to `--version`.
+pub fn print_version(program: &str, version: &str) {
+    print_help(&format!("{program} {version}\n"));
 }
 
 /// Prints the answer to `--help`.

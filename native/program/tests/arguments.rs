@@ -34,6 +34,23 @@ fn an_unknown_option_is_named_with_those_that_exist() {
 }
 
 #[test]
+fn a_slip_is_told_with_what_was_meant() {
+    let text = usage(Arguments::new(["--rte"], KNOWN).next());
+    assert_eq!(
+        text,
+        "there is no option \"--rte\"; did you mean --rate? accepted: --rate --verbose"
+    );
+}
+
+#[test]
+fn help_and_version_have_a_letter_each() {
+    let mut arguments = Arguments::new(["-h", "-V"], &["--help", "--version"]);
+    assert_eq!(arguments.next(), Ok(Some("--help")));
+    assert_eq!(arguments.next(), Ok(Some("--version")));
+    usage(Arguments::new(["-h"], KNOWN).next());
+}
+
+#[test]
 fn a_wrong_value_is_named_with_what_is_accepted() {
     for given in ["10", "fast", "", "NaN"] {
         let text = usage(rate(&["--rate", given]));

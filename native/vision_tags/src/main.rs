@@ -9,6 +9,7 @@ fn main() -> ExitCode {
     program::run("vision_tags", |log| {
         match Call::parse(std::env::args_os().skip(1))? {
             Call::Help => program::print_help(HELP),
+            Call::Version => program::print_version("vision_tags", env!("CARGO_PKG_VERSION")),
             Call::Run(options) => run(&options, log)?,
         }
         Ok(())

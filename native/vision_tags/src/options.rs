@@ -20,7 +20,8 @@ Usage: vision_tags --frames TOPIC --detections TOPIC [options]
   --quad-decimate N   look in an image N times smaller (1, 1.5, 2, 3, ... 8): faster, small tags are lost; default 1
   --refine-edges      snap the tags' edges to strong gradients nearby
   --exit-with-stdin   end when stdin does
-  --help              this text
+  -h, --help          this text
+  -V, --version       the version
 
 A topic is 1 to 200 of A-Z a-z 0-9 _ . - and need not exist yet.
 ";
@@ -34,6 +35,7 @@ const KNOWN: &[&str] = &[
     "--quad-decimate",
     "--refine-edges",
     "--exit-with-stdin",
+    "--version",
     "--help",
 ];
 
@@ -59,6 +61,8 @@ pub struct Options {
 pub enum Call {
     /// To say how it is called.
     Help,
+    /// To say its version.
+    Version,
     /// To look for tags.
     Run(Options),
 }
@@ -84,6 +88,7 @@ impl Call {
                 "--quad-decimate" => settings.quad_decimate = decimation(&mut arguments)?,
                 "--refine-edges" => settings.refine_edges = true,
                 "--exit-with-stdin" => exit_with_stdin = true,
+                "--version" => return Ok(Call::Version),
                 _ => return Ok(Call::Help),
             }
         }

@@ -108,10 +108,16 @@ fn missing_topics_are_named() {
 
 #[test]
 fn help_tells_of_every_option() {
-    assert_eq!(parse(&["--help"]), Ok(Call::Help));
+    for help in ["-h", "--help"] {
+        assert_eq!(parse(&[help]), Ok(Call::Help));
+    }
+    for version in ["-V", "--version"] {
+        assert_eq!(parse(&[version]), Ok(Call::Version));
+    }
     let unknown = refusal(parse(&["--nonsense"]));
     let (_, accepted) = unknown.split_once("accepted: ").expect("what is accepted");
     for option in accepted.split(' ') {
-        assert!(HELP.contains(&format!("  {option}")), "{option}");
+        let stands = |before: &str| HELP.contains(&format!("{before}{option}"));
+        assert!(stands("  ") || stands(", "), "{option}");
     }
 }

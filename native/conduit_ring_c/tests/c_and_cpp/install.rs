@@ -105,8 +105,9 @@ fn the_examples_build_and_run_by_pkg_config() {
 fn the_programs_of_the_guide_compile() {
     let guide = fs::read_to_string(home().join("../../docs/guides/cpp.md")).unwrap();
     let programs: Vec<&str> = guide
-        .split("```cpp\n")
+        .split("```cpp")
         .skip(1)
+        .map(|rest| rest.split_once('\n').unwrap().1)
         .map(|rest| rest.split("```").next().unwrap())
         .collect();
     assert!(!programs.is_empty());

@@ -16,7 +16,7 @@ pub const VERB: Verb = Verb {
     summary: "bytes a second, and sizes",
     help: HELP,
     takes_topic: true,
-    options: &["--every", "--window", "--count", "--json", "--help"],
+    options: gauge::OPTIONS,
     run,
 };
 
@@ -28,6 +28,7 @@ Usage: ganglion bw TOPIC [options]
   --every SECONDS    from line to line, 0.01 to 3600; default 1
   --window SECONDS   how far back a line looks, 0.01 to 3600; default 5
   --count N          end after N lines
+  --wait             wait for a topic that is not there
   --json             one JSON object a line
   --help             this text
 
@@ -35,8 +36,8 @@ Each line has bytes and messages a second, the mean, least and greatest size of 
 seen and lost since the start. Bytes are those of the messages, without the ring's own; those of lost messages, which
 were overwritten before they were seen here, are not known and do not count.
 
-It waits for a topic that is not there, and goes on when the publisher dies and when it comes back, which it says. It
-takes no reader slot.
+A topic that is not there is a mistake, unless you --wait for it. It goes on when the publisher dies and when it comes
+back, which it says. It takes no reader slot.
 ";
 
 fn run(options: &Options, output: &mut Output, log: Log) -> Result<(), Failure> {

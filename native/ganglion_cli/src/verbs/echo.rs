@@ -17,7 +17,7 @@ pub const VERB: Verb = Verb {
     summary: "prints messages",
     help: HELP,
     takes_topic: true,
-    options: &["--count", "--latest", "--raw", "--json", "--help"],
+    options: &["--count", "--latest", "--raw", "--wait", "--json", "--help"],
     run,
 };
 
@@ -29,6 +29,7 @@ Usage: ganglion echo TOPIC [options]
   --count N   end after N messages
   --latest    begin with the newest message that is there, not with the next one
   --raw       decode nothing: every byte, hexadecimal
+  --wait      wait for a topic that is not there
   --json      one JSON object a line
   --help      this text
 
@@ -36,8 +37,8 @@ Decodes what the topic's content tag names: conduit/frame (the header, not the p
 apriltag_msgs/msg/AprilTagDetectionArray. Of anything else, and of what is not what its tag says, the first 256 bytes are
 printed, hexadecimal.
 
-It waits for a topic that is not there, and goes on when the publisher dies and when it comes back, which it says. It
-takes no reader slot.
+A topic that is not there is a mistake, unless you --wait for it. It goes on when the publisher dies and when it comes
+back, which it says. It takes no reader slot.
 ";
 
 /// Bytes of an undecoded message that are printed unless all are asked for.
@@ -54,7 +55,7 @@ fn run(options: &Options, output: &mut Output, log: Log) -> Result<(), Failure> 
         start,
         ..ObserverOptions::default()
     };
-    let mut watch = Watch::open(options.topic(), &watching, log)?;
+    let mut watch = Watch::open(options, &watching, log)?;
     let mut left = options.count;
     watch::until_enough(&mut watch, output, |watch, sight, output| {
         if let Sight::Message(meta) = sight {

@@ -16,7 +16,7 @@ pub const VERB: Verb = Verb {
     summary: "rate, and how even it is",
     help: HELP,
     takes_topic: true,
-    options: &["--every", "--window", "--count", "--json", "--help"],
+    options: gauge::OPTIONS,
     run,
 };
 
@@ -28,6 +28,7 @@ Usage: ganglion hz TOPIC [options]
   --every SECONDS    from line to line, 0.01 to 3600; default 1
   --window SECONDS   how far back a line looks, 0.01 to 3600; default 5
   --count N          end after N lines
+  --wait             wait for a topic that is not there
   --json             one JSON object a line
   --help             this text
 
@@ -36,8 +37,8 @@ the publisher's own time stamps, and how many messages were seen and lost since 
 overwritten before they were seen here; they count in the rate, by their sequence numbers. A silence longer than the
 longest period counts as a period that is not over, so that the rate of a topic that went quiet falls.
 
-It waits for a topic that is not there, and goes on when the publisher dies and when it comes back, which it says; the
-time between is no period. It takes no reader slot.
+A topic that is not there is a mistake, unless you --wait for it. It goes on when the publisher dies and when it comes
+back, which it says; the time between is no period. It takes no reader slot.
 ";
 
 fn run(options: &Options, output: &mut Output, log: Log) -> Result<(), Failure> {

@@ -3,8 +3,8 @@
 use super::Verb;
 use crate::options::Options;
 use crate::output::{Output, Record, or_dash};
-use crate::{content, process, state, units, world};
-use conduit_ring::{Info, Reader, State, clock};
+use crate::{absent, content, process, state, units, world};
+use conduit_ring::{Error, Info, Reader, State, clock};
 use program::{Failure, Log};
 use serde_json::{Value, json};
 use std::fmt;
@@ -33,7 +33,10 @@ leaked its slot: the next subscriber takes it back, or `ganglion doctor --fix`.
 ";
 
 fn run(options: &Options, output: &mut Output, _log: Log) -> Result<(), Failure> {
-    let info = Info::read(options.topic()).map_err(world)?;
+    let info = Info::read(options.topic()).map_err(|error| match error {
+        Error::NoTopic { .. } => absent::failure(options.topic()),
+        error => world(error),
+    })?;
     output.put(&Details {
         now_ns: clock::now_ns(),
         info,

@@ -16,7 +16,7 @@ pub const VERB: Verb = Verb {
     summary: "from publishing to here",
     help: HELP,
     takes_topic: true,
-    options: &["--every", "--window", "--count", "--json", "--help"],
+    options: gauge::OPTIONS,
     run,
 };
 
@@ -28,6 +28,7 @@ Usage: ganglion latency TOPIC [options]
   --every SECONDS    from line to line, 0.01 to 3600; default 1
   --window SECONDS   how far back a line looks, 0.01 to 3600; default 5
   --count N          end after N lines
+  --wait             wait for a topic that is not there
   --json             one JSON object a line
   --help             this text
 
