@@ -14,13 +14,13 @@ pub fn nearest<'a>(given: &str, names: impl IntoIterator<Item = &'a str>) -> Opt
     names
         .into_iter()
         .map(|name| (slips(name), name))
-        .filter(|&(slips, name)| slips <= allowed(given.chars().count().max(name.chars().count())))
+        .filter(|(slips, name)| *slips <= allowed(given.len().max(name.len())))
         .min()
         .map(|(_slips, name)| name)
 }
 
-/// What stands in a sentence between the name that nobody has and those that there are: `"; did you mean camera?"`, or
-/// `";"` where no name is near.
+/// What stands in a sentence between the name that nobody has and those that there are:
+/// `"; did you mean camera?"`, or `";"` where no name is near.
 pub fn hint<'a>(given: &str, names: impl IntoIterator<Item = &'a str>) -> String {
     nearest(given, names).map_or_else(|| ";".into(), |name| format!("; did you mean {name}?"))
 }
