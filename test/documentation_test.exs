@@ -1,13 +1,30 @@
 defmodule DocumentationTest do
-  @moduledoc "Holds what the documentation promises: it is there, its links lead somewhere, and its examples run."
+  @moduledoc """
+  Holds what the documentation promises: it is there, its links lead somewhere, and its examples
+  run. What it has a reader type in a shell is for `test/first_steps_test.exs`.
+  """
 
-  # The README's robot uses the bus "i2c-1", as a reader would, and that name is one for the whole VM.
-  use ExUnit.Case, async: false
+  use ExUnit.Case, async: true
 
-  alias BB.Test.Source
+  alias BB.Test.{DocBlocks, Run, Source}
 
   @documents ~w(README.md CONTRIBUTING.md CHANGELOG.md firmware/README.md docs/**/*.md native/**/README.md)
              |> Enum.flat_map(&Path.wildcard/1)
+
+  # What config/host.exs says to a release: the robot that ships, on simulated buses.
+  @console """
+  Application.put_all_env(
+    ganglion: [
+      robot: Ganglion.Robot,
+      simulated_buses: %{"i2c-1" => [devices: %{0x68 => {BB.Bus.Sim.Mpu6050, source: :motion}}]}
+    ]
+  )
+
+  {:ok, _} = Application.ensure_all_started(:ganglion)
+  {:ok, _} = BB.subscribe(Ganglion.Robot, [:sensor, :base_link, :imu])
+  receive do: ({:bb, _, _} -> :ok)
+  import Ganglion.Console
+  """
 
   describe "a module" do
     test "says what it is, or that it is nobody's business" do
@@ -63,81 +80,56 @@ defmodule DocumentationTest do
     end
   end
 
+  test "the picture of the demonstration shows the robot that ships" do
+    picture = File.read!("docs/images/demo.svg")
+
+    for name <- Map.keys(Ganglion.Robot.robot().sensors),
+        do: assert(picture =~ ~r/>#{name} /, "#{name} is not in the picture")
+  end
+
   test "the changelog has a section for what is not yet released" do
     assert File.read!("CHANGELOG.md") =~ ~r/^## \[?Unreleased\]?$/m
   end
 
-  test "the README's robot can be declared and started, and is heard as the README says" do
-    assert [example] = Enum.filter(examples("README.md"), &(&1 =~ "defmodule"))
+  describe "the blocks of" do
+    for document <- @documents do
+      test "#{document} are of a known kind, and right as far as that shows without running" do
+        blocks = DocBlocks.read!(unquote(document))
+        assert Enum.flat_map(blocks, &DocBlocks.check(&1, File.cwd!())) == []
+      end
 
-    ast =
-      example |> Code.string_to_quoted!(file: "README.md") |> Macro.prewalk(&rename(&1, Readme))
+      if document |> DocBlocks.read!() |> DocBlocks.select("elixir") != [] do
+        test "#{document} in Elixir run one after the other" do
+          blocks = unquote(document) |> DocBlocks.read!() |> DocBlocks.select("elixir")
+          assert_runs(DocBlocks.run_elixir(blocks, File.cwd!(), env: environment()))
+        end
+      end
+    end
 
-    start_supervised!({BB.Bus.Sim, buses: %{"i2c-1" => [devices: %{0x68 => mpu6050()}]}})
+    test "firmware/README.md for the console run on a robot's console" do
+      blocks =
+        "firmware/README.md" |> DocBlocks.read!() |> DocBlocks.select("elixir", ["console"])
 
-    assert {%BB.Math.Vec3{}, _binding} = Code.eval_quoted(ast)
-    Supervisor.stop(Module.concat([__MODULE__, Readme, MyRobot]))
+      assert blocks != []
+      opts = [env: environment(), mix: ["--no-start"], before: @console]
+      output = assert_runs(DocBlocks.run_elixir(blocks, File.cwd!(), opts))
+      assert output =~ ~r/^imu +up /m
+      refute output =~ "went wrong"
+    end
   end
 
-  test "the examples of the guide to parameters run one after the other" do
-    Process.flag(:trap_exit, true)
-    binding = run("docs/guides/parameters.md")
-    assert Path.wildcard(Path.join(System.tmp_dir!(), "my_robot_params*")) == []
-    Supervisor.stop(binding[:buses])
+  defp assert_runs({output, status}) do
+    assert status == 0, output
+    output
   end
 
-  test "the examples of the guide to safety run one after the other" do
-    Process.flag(:trap_exit, true)
-    assert [_ | _] = run("docs/guides/safety.md")
+  # Topics of another folder than those of robots that run on this machine.
+  defp environment do
+    topics = Path.join("/dev/shm", Run.unique("blocks"))
+    File.mkdir!(topics)
+    on_exit(fn -> File.rm_rf!(topics) end)
+    [{"CONDUIT_RING_DIR", topics}, {"MIX_ENV", "test"}, {"LC_ALL", "C.UTF-8"}]
   end
-
-  test "the examples of the guide to health run one after the other" do
-    Process.flag(:trap_exit, true)
-    binding = run("docs/guides/health.md")
-    Supervisor.stop(binding[:root])
-    Supervisor.stop(binding[:buses])
-  end
-
-  test "the examples of the guide to the sensors that ship run one after the other" do
-    Process.flag(:trap_exit, true)
-    binding = run("docs/guides/sensors.md")
-    Supervisor.stop(binding[:root])
-    Supervisor.stop(binding[:buses])
-  end
-
-  test "the examples of the guide to drivers run one after the other" do
-    binding = run("docs/guides/drivers.md")
-    Supervisor.stop(binding[:root])
-    Supervisor.stop(binding[:buses])
-  end
-
-  test "the examples of the guide from Beam Bots run one after the other" do
-    binding = run("docs/guides/from-beam-bots.md")
-    Supervisor.stop(binding[:root])
-  end
-
-  defp guide(document), do: Module.concat([Macro.camelize(Path.basename(document, ".md"))])
-
-  # Each may name what those before it have bound.
-  defp run(document) do
-    Enum.reduce(examples(document), [], fn example, binding ->
-      ast =
-        example
-        |> Code.string_to_quoted!(file: document)
-        |> Macro.prewalk(&rename(&1, guide(document)))
-
-      {_result, binding} = Code.eval_quoted(ast, binding)
-      binding
-    end)
-  end
-
-  defp mpu6050, do: {BB.Bus.Sim.Mpu6050, source: :motion}
-
-  # Robots of different documents have the same name there.
-  defp rename({:__aliases__, meta, [:MyRobot | rest]}, document),
-    do: {:__aliases__, meta, [__MODULE__, document, :MyRobot | rest]}
-
-  defp rename(node, _document), do: node
 
   # Modules of the application: `{module, moduledoc, docs}`, where a moduledoc is a map of texts, :none or :hidden.
 
@@ -205,9 +197,5 @@ defmodule DocumentationTest do
     |> File.read!()
     |> String.replace(~r/^```.*?^```/ms, "")
     |> String.replace(~r/`[^`\n]*`/, "")
-  end
-
-  defp examples(document) do
-    for [_, code] <- Regex.scan(~r/^```elixir\n(.*?)^```/ms, File.read!(document)), do: code
   end
 end

@@ -1,0 +1,58 @@
+#!/usr/bin/env python3
+"""Draws what a command printed as a terminal, in SVG.
+
+    bin/demo --seconds 20 | docs/images/terminal.py "bin/demo" >docs/images/demo.svg
+
+Of a command that shows one screen after the other, as bin/demo does, it takes the last whole one.
+"""
+
+import re
+import sys
+from html import escape
+
+SIZE, LINE, MARGIN, BAR = 14, 19, 18, 34
+WIDTH = SIZE * 0.6
+FONT = "ui-monospace, SFMono-Regular, Menlo, Consolas, 'DejaVu Sans Mono', monospace"
+# The panel is dark on every page, so that the picture reads the same on light and dark ones.
+COLOURS = {"panel": "#161b22", "edge": "#57606a", "title": "#8b949e", "text": "#e6edf3"}
+WORDS = [(r"\b(up|live)\b", "#56d364"), (r"\b(backoff|stale|dead|down)\b", "#ff7b72")]
+
+
+def last_screen(text):
+    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text)
+    screens = re.split(r"^(?=ganglion, \d+ s)", text, flags=re.M)
+    screen = screens[-1].split("\nsummary after ")[0]
+    return [line.rstrip() for line in screen.rstrip().split("\n")]
+
+
+def coloured(line):
+    line = escape(line)
+    for pattern, colour in WORDS:
+        line = re.sub(pattern, rf'<tspan fill="{colour}">\1</tspan>', line)
+    return line
+
+
+def drawing(lines, title):
+    width = round(max(len(line) for line in lines) * WIDTH) + 2 * MARGIN
+    height = BAR + len(lines) * LINE + MARGIN
+    yield f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" role="img"'
+    yield f'     font-family="{FONT}" font-size="{SIZE}">'
+    yield f"  <title>{escape(title)}</title>"
+    yield f'  <rect x="0.5" y="0.5" width="{width - 1}" height="{height - 1}" rx="8"'
+    yield f'        fill="{COLOURS["panel"]}" stroke="{COLOURS["edge"]}"/>'
+    yield f'  <text x="{MARGIN}" y="22" fill="{COLOURS["title"]}">$ {escape(title)}</text>'
+    yield f'  <g fill="{COLOURS["text"]}" style="white-space: pre">'
+    for number, line in enumerate(lines):
+        if line:
+            length = round(len(line) * WIDTH)
+            y = BAR + (number + 1) * LINE - 6
+            place = f'x="{MARGIN}" y="{y}" textLength="{length}"'
+            yield f'    <text {place} xml:space="preserve">{coloured(line)}</text>'
+    yield "  </g>"
+    yield "</svg>"
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2 or sys.argv[1] in ("-h", "--help"):
+        sys.exit(__doc__)
+    print("\n".join(drawing(last_screen(sys.stdin.read()), sys.argv[1])))

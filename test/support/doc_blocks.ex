@@ -1,0 +1,300 @@
+defmodule BB.Test.DocBlocks do
+  @moduledoc """
+  The fenced blocks of a Markdown document, which a test takes as a reader does: types them, saves
+  them, or reads them.
+
+  The first word behind a fence is the block's language. A further word says where a reader types
+  it, or the name of the file:
+
+  | fence | what a reader does | what a test does |
+  |---|---|---|
+  | `elixir` | types it in `iex -S mix`, block after block | `run_elixir/3` |
+  | `elixir console` | types it on a robot's console | `run_elixir/3` with the console's robot |
+  | `elixir board` | the same, on a board | `check/2` |
+  | `elixir config` | writes it into `config/` | `check/2`: evaluates it |
+  | `sh` | types it in a fresh clone, block after block | `run_sh/3` |
+  | `sh board`, `nerves`, `fwup`, `root` | the same, where there is such a thing | `check/2` |
+  | `sh long` | the same, with patience: tests and measurements | `check/2` |
+  | `cpp talker.cpp`, `cmake CMakeLists.txt` | saves it | `save/2`; `run_sh/3` finds it |
+  | `text`, or nothing | reads it: output, signatures, drawings | nothing |
+  """
+
+  @enforce_keys [:document, :line, :language, :code]
+  defstruct [:document, :line, :language, :code, words: []]
+
+  @type t :: %__MODULE__{
+          document: Path.t(),
+          line: pos_integer(),
+          language: String.t(),
+          words: [String.t()],
+          code: String.t()
+        }
+
+  @elsewhere ~w(board nerves fwup root long)
+  @known %{
+    "elixir" => ~w(board config console),
+    "sh" => @elsewhere,
+    "hex" => :any,
+    "text" => [],
+    "cmake" => :file,
+    "cpp" => :file,
+    "c" => :file,
+    "python" => :file,
+    "rust" => :file
+  }
+
+  @seconds 300
+
+  @doc "The blocks of a document, in order; the line is that of the first line of code."
+  @spec read!(Path.t()) :: [t()]
+  def read!(document), do: document |> File.read!() |> parse(document)
+
+  @doc "The blocks of a text."
+  @spec parse(String.t(), Path.t()) :: [t()]
+  def parse(text, document) do
+    text
+    |> String.split("\n")
+    |> Enum.with_index(1)
+    |> Enum.reduce({[], nil}, &line(&1, &2, document))
+    |> finish(document)
+  end
+
+  defp line({text, number}, {blocks, nil}, document) do
+    case Regex.run(~r/^( *)(```+|~~~+) *([^`]*)$/, text) do
+      nil -> {blocks, nil}
+      [_, indent, fence, info] -> {blocks, {indent, fence, open(info, number + 1, document), []}}
+    end
+  end
+
+  defp line({text, _number}, {blocks, {indent, fence, block, lines}}, _document) do
+    if String.trim(text) == fence do
+      {[%{block | code: lines |> Enum.reverse() |> Enum.map_join(&(&1 <> "\n"))} | blocks], nil}
+    else
+      {blocks, {indent, fence, block, [String.replace_prefix(text, indent, "") | lines]}}
+    end
+  end
+
+  defp open(info, line, document) do
+    {language, words} = info |> String.split() |> List.pop_at(0, "text")
+    %__MODULE__{document: document, line: line, language: language, words: words, code: ""}
+  end
+
+  defp finish({blocks, nil}, _document), do: Enum.reverse(blocks)
+
+  defp finish({_blocks, {_, fence, block, _}}, document),
+    do: raise("#{document}:#{block.line - 1}: the fence #{fence} is never closed")
+
+  @doc "The blocks of a language that have exactly these words."
+  @spec select([t()], String.t(), [String.t()]) :: [t()]
+  def select(blocks, language, words \\ []),
+    do: Enum.filter(blocks, &(&1.language == language and &1.words == words))
+
+  @doc "Where a block stands."
+  @spec place(t()) :: String.t()
+  def place(block), do: "#{block.document}:#{block.line}"
+
+  # Running
+
+  @doc """
+  Runs Elixir blocks one after the other, as IEx would, each expression after the one before, in a
+  VM of their own: `mix run` in `folder`. Returns the output and the exit status.
+
+  Options: `env:` for the VM; `before:`, code that runs first; `mix:`, further arguments of `mix
+  run`; `seconds:`, after which it is ended (300).
+  """
+  @spec run_elixir([t()], Path.t(), keyword()) :: {String.t(), non_neg_integer()}
+  def run_elixir(blocks, folder, opts \\ []) do
+    first = %__MODULE__{
+      document: "before",
+      line: 1,
+      language: "elixir",
+      code: opts[:before] || ""
+    }
+
+    texts = for block <- [first | blocks], do: {block.document, block.line, block.code}
+
+    with_file(driver(texts), fn driver ->
+      command(["mix", "run", "--no-compile"] ++ (opts[:mix] || []) ++ [driver], folder, opts)
+    end)
+  end
+
+  defp driver(texts) do
+    """
+    blocks = #{inspect(texts, limit: :infinity, printable_limit: :infinity)}
+
+    Enum.reduce(blocks, {[], Code.env_for_eval([])}, fn {file, line, code}, {binding, env} ->
+      {:__block__, _, expressions} =
+        case Code.string_to_quoted!(code, file: file, line: line) do
+          {:__block__, meta, expressions} -> {:__block__, meta, expressions}
+          expression -> {:__block__, [], [expression]}
+        end
+
+      Enum.reduce(expressions, {binding, %{env | file: file}}, fn expression, {binding, env} ->
+        {_value, binding, env} = Code.eval_quoted_with_env(expression, binding, env)
+        {binding, env}
+      end)
+    end)
+    """
+  end
+
+  @doc """
+  Runs shell blocks one after the other in one shell, in `folder`; the first command that fails
+  ends it. Returns the output, each command before what it says, and the exit status. Options:
+  `env:` and `seconds:` as above.
+  """
+  @spec run_sh([t()], Path.t(), keyword()) :: {String.t(), non_neg_integer()}
+  def run_sh(blocks, folder, opts \\ []) do
+    script = Enum.map_join(blocks, "\n", &"# #{place(&1)}\n#{&1.code}")
+
+    with_file("set -exo pipefail\n" <> script, fn file ->
+      command(["bash", file], folder, opts)
+    end)
+  end
+
+  @doc "Saves the blocks whose second word is a file's name, in `folder`."
+  @spec save([t()], Path.t()) :: :ok
+  def save(blocks, folder) do
+    for %{words: [name]} = block <- blocks, @known[block.language] == :file do
+      File.mkdir_p!(Path.dirname(Path.join(folder, name)))
+      File.write!(Path.join(folder, name), block.code)
+    end
+
+    :ok
+  end
+
+  # What waits for something that does not come fails by time.
+  defp command(words, folder, opts) do
+    bound = ["--kill-after=10", "#{opts[:seconds] || @seconds}"]
+    options = [cd: folder, env: opts[:env] || [], stderr_to_stdout: true]
+    System.cmd("timeout", bound ++ words, options)
+  end
+
+  defp with_file(text, fun) do
+    file = Path.join(System.tmp_dir!(), BB.Test.Run.unique("blocks"))
+    File.write!(file, text)
+
+    try do
+      fun.(file)
+    after
+      File.rm(file)
+    end
+  end
+
+  # Checking what cannot be run
+
+  @doc """
+  What is wrong with a block as far as that shows without running it, a sentence each. Commands of
+  the project are looked for in `folder`, and asked by `--help` for their options.
+  """
+  @spec check(t(), Path.t()) :: [String.t()]
+  def check(block, folder) do
+    for sentence <- wrong_words(block) ++ wrong_code(block, folder),
+        do: "#{place(block)}: #{sentence}"
+  end
+
+  defp wrong_words(%{language: language, words: words}) do
+    case Map.fetch(@known, language) do
+      :error -> ["no such language as #{language}; known: #{Enum.join(Map.keys(@known), " ")}"]
+      {:ok, accepted} when is_atom(accepted) -> []
+      {:ok, accepted} -> for word <- words -- accepted, do: "#{language} #{word} means nothing"
+    end
+  end
+
+  defp wrong_code(%{language: "elixir", words: ["config"]} = block, _folder) do
+    _ = Config.Reader.eval!(block.document, "import Config\n" <> block.code)
+    unknown_modules(block.code)
+  rescue
+    error -> [Exception.message(error)]
+  end
+
+  defp wrong_code(%{language: "elixir"} = block, _folder) do
+    case Code.string_to_quoted(block.code) do
+      {:ok, _ast} -> []
+      {:error, reason} -> [inspect(reason)]
+    end
+  end
+
+  defp wrong_code(%{language: "sh"} = block, folder) do
+    case System.cmd("bash", ["-n", "-c", block.code], stderr_to_stdout: true) do
+      {_, 0} -> Enum.flat_map(commands(block.code), &wrong_command(&1, folder))
+      {said, _} -> [said]
+    end
+  end
+
+  defp wrong_code(_block, _folder), do: []
+
+  defp unknown_modules(code) do
+    {_ast, modules} =
+      code
+      |> Code.string_to_quoted!()
+      |> Macro.prewalk([], fn
+        {:__aliases__, _, [root | _] = parts} = node, found when root in [:BB, :Ganglion] ->
+          {node, [Module.concat(parts) | found]}
+
+        node, found ->
+          {node, found}
+      end)
+
+    for module <- modules, not Code.ensure_loaded?(module), do: "there is no #{inspect(module)}"
+  end
+
+  @doc "The commands of a shell text, each a list of words, without what is set before them."
+  @spec commands(String.t()) :: [[String.t()]]
+  def commands(code) do
+    code
+    |> String.replace("\\\n", " ")
+    |> String.split(["\n", "&&", "||", ";", "|"])
+    |> Enum.map(&words/1)
+    |> Enum.reject(&(&1 == []))
+  end
+
+  defp words(line) do
+    line
+    |> String.replace(~r/(^|\s)#.*$/, "")
+    |> String.split()
+    |> Enum.drop_while(&(&1 =~ ~r/^\w+=/ or &1 in ~w(export until while do done exec)))
+  end
+
+  # A command of the project has to be there, and its help to know the options.
+  defp wrong_command(["ganglion" | arguments], folder),
+    do: wrong_command(["bin/ganglion" | arguments], folder)
+
+  defp wrong_command([command | arguments], folder) do
+    path = Path.join(folder, command)
+
+    cond do
+      not ours?(command) -> []
+      not executable?(path) -> ["#{command} is no command"]
+      true -> unknown_to_help(path, command, arguments)
+    end
+  end
+
+  defp ours?(command), do: command =~ ~r{^(\.?bin|\.ci|firmware/scripts|native)/}
+
+  defp executable?(path) do
+    case File.stat(path) do
+      {:ok, %{type: :regular, mode: mode}} -> Bitwise.band(mode, 0o100) != 0
+      _ -> false
+    end
+  end
+
+  defp unknown_to_help(_path, ".ci/run", []), do: []
+
+  defp unknown_to_help(path, command, arguments) do
+    {help, status} = help(path, command, arguments)
+    asked = for argument <- arguments, plain?(argument), do: hd(String.split(argument, "="))
+
+    if status == 0,
+      do: for(word <- asked, not String.contains?(help, word), do: "#{command} has no #{word}"),
+      else: ["#{command} --help ends with status #{status}"]
+  end
+
+  # A verb of ganglion has a help of its own.
+  defp help(path, "bin/ganglion", [verb | _]),
+    do: System.cmd(path, [verb, "--help"], stderr_to_stdout: true)
+
+  defp help(path, _command, _arguments), do: System.cmd(path, ["--help"], stderr_to_stdout: true)
+
+  # An option, or a word that is no path.
+  defp plain?(argument), do: argument =~ ~r/^--?[a-z-]+(=|$)/ or argument =~ ~r/^[a-z]+$/
+end
