@@ -130,8 +130,20 @@ defmodule BB.Test.DocBlocks do
         end
 
       Enum.reduce(expressions, {binding, %{env | file: file}}, fn expression, {binding, env} ->
-        {_value, binding, env} = Code.eval_quoted_with_env(expression, binding, env)
-        {binding, env}
+        try do
+          {_value, binding, env} = Code.eval_quoted_with_env(expression, binding, env)
+          {binding, env}
+        catch
+          kind, reason ->
+            {_node, first} = Macro.prewalk(expression, nil, fn
+              {_, meta, _} = node, nil -> {node, meta[:line]}
+              node, line -> {node, line}
+            end)
+
+            message = Exception.format(kind, reason, __STACKTRACE__)
+            IO.puts(:stderr, "\#{file}:\#{first || line}: \#{message}")
+            System.halt(1)
+        end
       end)
     end)
     """
@@ -283,6 +295,8 @@ defmodule BB.Test.DocBlocks do
   defp unknown_to_help(path, command, arguments) do
     {help, status} = help(path, command, arguments)
     asked = for argument <- arguments, plain?(argument), do: hd(String.split(argument, "="))
+    # Of ganglion's words the verb has been asked for its help, and the other is a topic.
+    asked = if command == "bin/ganglion", do: Enum.filter(asked, &(&1 =~ ~r/^-/)), else: asked
 
     if status == 0,
       do: for(word <- asked, not String.contains?(help, word), do: "#{command} has no #{word}"),
