@@ -84,7 +84,7 @@ defmodule DocumentationTest do
     picture = File.read!("docs/images/demo.svg")
 
     for name <- Map.keys(Ganglion.Robot.robot().sensors),
-        do: assert(picture =~ ~r/>#{name} /, "#{name} is not in the picture")
+        do: assert(picture =~ ">#{name}<", "#{name} is not in the picture")
   end
 
   test "the changelog has a section for what is not yet released" do

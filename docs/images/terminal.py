@@ -15,7 +15,8 @@ WIDTH = SIZE * 0.6
 FONT = "ui-monospace, SFMono-Regular, Menlo, Consolas, 'DejaVu Sans Mono', monospace"
 # The panel is dark on every page, so that the picture reads the same on light and dark ones.
 COLOURS = {"panel": "#161b22", "edge": "#57606a", "title": "#8b949e", "text": "#e6edf3"}
-WORDS = [(r"\b(up|live)\b", "#56d364"), (r"\b(backoff|stale|dead|down)\b", "#ff7b72")]
+GREEN, RED = "#56d364", "#ff7b72"
+WORDS = {"up": GREEN, "live": GREEN, "backoff": RED, "stale": RED, "dead": RED}
 
 
 def last_screen(text):
@@ -25,11 +26,12 @@ def last_screen(text):
     return [line.rstrip() for line in screen.rstrip().split("\n")]
 
 
-def coloured(line):
-    line = escape(line)
-    for pattern, colour in WORDS:
-        line = re.sub(pattern, rf'<tspan fill="{colour}">\1</tspan>', line)
-    return line
+def placed(line):
+    """What stands in a column begins there, whatever the font."""
+    for run in re.finditer(r"\S+(?: \S+)*", line):
+        x = round(MARGIN + run.start() * WIDTH, 1)
+        colour = f' fill="{WORDS[run[0]]}"' if run[0] in WORDS else ""
+        yield f'<tspan x="{x}"{colour}>{escape(run[0])}</tspan>'
 
 
 def drawing(lines, title):
@@ -41,13 +43,11 @@ def drawing(lines, title):
     yield f'  <rect x="0.5" y="0.5" width="{width - 1}" height="{height - 1}" rx="8"'
     yield f'        fill="{COLOURS["panel"]}" stroke="{COLOURS["edge"]}"/>'
     yield f'  <text x="{MARGIN}" y="22" fill="{COLOURS["title"]}">$ {escape(title)}</text>'
-    yield f'  <g fill="{COLOURS["text"]}" style="white-space: pre">'
+    yield f'  <g fill="{COLOURS["text"]}">'
     for number, line in enumerate(lines):
         if line:
-            length = round(len(line) * WIDTH)
-            y = BAR + (number + 1) * LINE - 6
-            place = f'x="{MARGIN}" y="{y}" textLength="{length}"'
-            yield f'    <text {place} xml:space="preserve">{coloured(line)}</text>'
+            runs = "".join(placed(line))
+            yield f'    <text y="{BAR + (number + 1) * LINE - 6}">{runs}</text>'
     yield "  </g>"
     yield "</svg>"
 

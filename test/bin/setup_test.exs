@@ -150,9 +150,8 @@ defmodule Bin.SetupTest do
     for file <- Path.wildcard("bin/*"), text = File.read!(file) do
       name = Path.basename(file)
 
-      asked =
-        for [_, asked] <- Regex.scan(~r/^\s*bin\/setup(?: (\w+))?/m, text), uniq: true, do: asked
-
+      calls = Regex.scan(~r/^\s*bin\/setup\b *(\w*)/m, text)
+      asked = for [_call, asked] <- calls, uniq: true, do: asked
       assert asked -- [name] == []
     end
   end
