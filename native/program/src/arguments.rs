@@ -1,5 +1,5 @@
-//! Options as our programs take them: `--long-name VALUE` or `--long-name=VALUE`. Only help and version have letters too:
-//! `-h`, `-V`.
+//! Options as our programs take them: `--long-name VALUE` or `--long-name=VALUE`. Only help and
+//! version have letters too: `-h`, `-V`.
 //!
 //! ```
 //! use program::arguments::Arguments;

@@ -36,8 +36,8 @@ Each line has bytes and messages a second, the mean, least and greatest size of 
 seen and lost since the start. Bytes are those of the messages, without the ring's own; those of lost messages, which
 were overwritten before they were seen here, are not known and do not count.
 
-A topic that is not there is a mistake, unless you --wait for it. It goes on when the publisher dies and when it comes
-back, which it says. It takes no reader slot.
+A topic that is not there is a mistake, unless you --wait for it. It goes on when the publisher
+dies and when it comes back, which it says. It takes no reader slot.
 ";
 
 fn run(options: &Options, output: &mut Output, log: Log) -> Result<(), Failure> {

@@ -37,8 +37,8 @@ Decodes what the topic's content tag names: conduit/frame (the header, not the p
 apriltag_msgs/msg/AprilTagDetectionArray. Of anything else, and of what is not what its tag says, the first 256 bytes are
 printed, hexadecimal.
 
-A topic that is not there is a mistake, unless you --wait for it. It goes on when the publisher dies and when it comes
-back, which it says. It takes no reader slot.
+A topic that is not there is a mistake, unless you --wait for it. It goes on when the publisher
+dies and when it comes back, which it says. It takes no reader slot.
 ";
 
 /// Bytes of an undecoded message that are printed unless all are asked for.

@@ -37,8 +37,8 @@ the publisher's own time stamps, and how many messages were seen and lost since 
 overwritten before they were seen here; they count in the rate, by their sequence numbers. A silence longer than the
 longest period counts as a period that is not over, so that the rate of a topic that went quiet falls.
 
-A topic that is not there is a mistake, unless you --wait for it. It goes on when the publisher dies and when it comes
-back, which it says; the time between is no period. It takes no reader slot.
+A topic that is not there is a mistake, unless you --wait for it. It goes on when the publisher
+dies and when it comes back, which it says; the time between is no period. It takes no reader slot.
 ";
 
 fn run(options: &Options, output: &mut Output, log: Log) -> Result<(), Failure> {
