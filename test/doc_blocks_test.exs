@@ -106,6 +106,22 @@ defmodule DocBlocksTest do
     refute said =~ "\nnever"
   end
 
+  test "what a document quotes of a project's file has to stand there, in that order" do
+    folder = Path.join(System.tmp_dir!(), BB.Test.Run.unique("project"))
+    on_exit(fn -> File.rm_rf!(folder) end)
+    File.mkdir_p!(folder)
+    File.write!(Path.join(folder, "a.ex"), "a do\n  b\n\n  c\n  d\nend\n")
+
+    assert missing("a do\n  b\n  d\nend\n", folder) == []
+    assert missing("a do\n  d\n  b\nend\n", folder) == ["page.md:1: b", "page.md:1: end"]
+    assert missing("x\n", folder) == ["page.md:1: x"]
+  end
+
+  defp missing(code, folder) do
+    block = %DocBlocks{document: "page.md", line: 1, language: "elixir", code: code}
+    DocBlocks.missing([%{block | words: ["a.ex"]}], folder)
+  end
+
   defp check(language, code, words) do
     block = %DocBlocks{document: "page.md", line: 1, language: language, code: code, words: words}
     DocBlocks.check(block, File.cwd!())

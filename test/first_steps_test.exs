@@ -29,18 +29,20 @@ defmodule FirstStepsTest do
     unique = Run.unique("steps")
     home = Path.join(System.tmp_dir!(), unique)
     topics = Path.join("/dev/shm", unique)
+    robot = Path.join(Path.dirname(clone), "rover")
     for folder <- [home, topics], do: File.mkdir!(folder)
-    on_exit(fn -> for folder <- [home, topics], do: File.rm_rf!(folder) end)
+    on_exit(fn -> for folder <- [home, topics, robot], do: File.rm_rf!(folder) end)
     %{clone: clone, env: environment(home, topics)}
   end
 
   for document <- @documents do
     test "what #{document} has a reader type works in a fresh clone", %{clone: clone, env: env} do
-      blocks = DocBlocks.read!(unquote(document))
-      DocBlocks.save(blocks, clone)
-      blocks = DocBlocks.select(blocks, "sh")
+      all = DocBlocks.read!(unquote(document))
+      DocBlocks.save(all, clone)
+      blocks = DocBlocks.select(all, "sh")
       {output, status} = DocBlocks.run_sh(blocks, clone, env: env, seconds: 3_000)
       assert status == 0, output
+      assert DocBlocks.missing(all, Path.join(Path.dirname(clone), "rover")) == []
     end
   end
 

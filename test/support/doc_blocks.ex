@@ -12,6 +12,7 @@ defmodule BB.Test.DocBlocks do
   | `elixir console` | types it on a robot's console | `run_elixir/3` with the console's robot |
   | `elixir board` | the same, on a board | `check/2` |
   | `elixir config` | writes it into `config/` | `check/2`: evaluates it |
+  | `elixir lib/rover.ex` | finds it in that file of the project of `bin/new` | `missing/2` |
   | `sh` | types it in a fresh clone, block after block | `run_sh/3` |
   | `sh board`, `nerves`, `fwup`, `root` | the same, where there is such a thing | `check/2` |
   | `sh long` | the same, with patience: tests and measurements | `check/2` |
@@ -192,6 +193,34 @@ defmodule BB.Test.DocBlocks do
     end
   end
 
+  @doc """
+  The lines of blocks that quote files of a project (`elixir lib/rover.ex`) and do not stand there,
+  in the order of the quotation. What is left out of a quotation is left out.
+  """
+  @spec missing([t()], Path.t()) :: [String.t()]
+  def missing(blocks, project) do
+    for %{language: "elixir", words: [name]} = block <- blocks, file?(name) do
+      {block, lines(block.code), lines(File.read!(Path.join(project, name)))}
+    end
+    |> Enum.flat_map(fn {block, quoted, lines} ->
+      for line <- not_found(quoted, lines), do: "#{place(block)}: #{line}"
+    end)
+  end
+
+  defp file?(word), do: Path.extname(word) in ~w(.ex .exs)
+
+  defp lines(text),
+    do: text |> String.split("\n") |> Enum.map(&String.trim/1) |> Enum.reject(&(&1 == ""))
+
+  defp not_found([], _lines), do: []
+
+  defp not_found([line | rest] = quoted, lines) do
+    case Enum.drop_while(lines, &(&1 != line)) do
+      [] -> quoted
+      [_found | lines] -> not_found(rest, lines)
+    end
+  end
+
   # Checking what cannot be run
 
   @doc """
@@ -206,9 +235,14 @@ defmodule BB.Test.DocBlocks do
 
   defp wrong_words(%{language: language, words: words}) do
     case Map.fetch(@known, language) do
-      :error -> ["no such language as #{language}; known: #{Enum.join(Map.keys(@known), " ")}"]
-      {:ok, accepted} when is_atom(accepted) -> []
-      {:ok, accepted} -> for word <- words -- accepted, do: "#{language} #{word} means nothing"
+      :error ->
+        ["no such language as #{language}; known: #{Enum.join(Map.keys(@known), " ")}"]
+
+      {:ok, accepted} when is_atom(accepted) ->
+        []
+
+      {:ok, accepted} ->
+        for word <- words -- accepted, not file?(word), do: "#{language} #{word} means nothing"
     end
   end
 
