@@ -34,6 +34,18 @@ defmodule Site.Links do
     end
   end
 
+  @doc "Makes links of what a module's text says of its own functions, types and callbacks."
+  def own(text, anchors) do
+    outside_code(text, fn part ->
+      Regex.replace(~r/(?<![\[`\w])`((?:[ct]:)?[a-z_]\w*[?!]?\/\d+)`(?![`\]])/, part, fn all,
+                                                                                         name ->
+        if is_map_key(anchors, name),
+          do: ~s(<a href="##{URI.encode(name)}"><code>#{name}</code></a>),
+          else: all
+      end)
+    end)
+  end
+
   @doc "From a page back to the top."
   def up(here), do: String.duplicate("../", length(Path.split(here)) - 1)
 
@@ -84,7 +96,9 @@ defmodule Site.Module do
 
   @doc "The page."
   def render(page) do
-    ["# #{page.name}\n\n", page.text, "\n\n", Enum.map(@kinds, &section(&1, page))]
+    text = Site.Links.own(page.text, anchors(page))
+
+    ["# #{page.name}\n\n", text, "\n\n", Enum.map(@kinds, &section(&1, page))]
     |> IO.iodata_to_binary()
   end
 
@@ -106,7 +120,7 @@ defmodule Site.Module do
       ~s(<a id="#{anchor(key)}"></a>\n\n),
       "### `#{heading(signature, name, arity)}`\n\n",
       specs(page.module, kind, name, arity),
-      text(doc),
+      text(doc, anchors(page)),
       "\n\n"
     ]
   end
@@ -114,8 +128,8 @@ defmodule Site.Module do
   defp heading([signature | _], _name, _arity), do: signature
   defp heading([], name, arity), do: "#{name}/#{arity}"
 
-  defp text(%{"en" => text}), do: deeper(text)
-  defp text(_none), do: ""
+  defp text(%{"en" => text}, anchors), do: text |> deeper() |> Site.Links.own(anchors)
+  defp text(_none, _anchors), do: ""
 
   # Below the heading of a function.
   defp deeper(text), do: Regex.replace(~r/^(##+) /m, text, "##\\1 ")
