@@ -31,7 +31,7 @@ defmodule Ganglion.MixProject do
   defp cargo do
     [
       path: "native",
-      nif: "conduit_ring_nif",
+      nif: ["conduit_ring_nif", "linux_bus_nif"],
       always: ["process_guard"],
       programs: ["camera", "ganglion", "vision_tags"],
       locked: true

@@ -21,6 +21,7 @@ defmodule ArchitectureTest do
     options: {~w(BB.Options.*), []},
     math: {~w(BB.Math.*), []},
     unit: {~w(BB.Unit.*), []},
+    native_library: {~w(BB.NativeLibrary), []},
     callback: {~w(BB.Callback.*), []},
     telemetry: {~w(BB.Telemetry), [:callback]},
     errno: {~w(BB.Errno), []},
@@ -49,7 +50,7 @@ defmodule ArchitectureTest do
     # The buses: simulated where there is no other. A robot may declare what hangs on them then.
     clock: {~w(BB.Clock.*), [:tolerant]},
     simulation: {~w(BB.Bus.Sim.*), [:clock, :tolerant]},
-    bus: {~w(BB.Bus.*), ~w(simulation clock errno process tolerant)a},
+    bus: {~w(BB.Bus.*), ~w(simulation clock errno process tolerant native_library)a},
 
     # The kinds of components.
     sensor:
@@ -71,7 +72,7 @@ defmodule ArchitectureTest do
        ~w(sensor polled clock loop bus safety envelope payload math unit options)a},
 
     # It looks at the topics that its program feeds. Its sensor carries nothing over.
-    ring: {~w(BB.Ring.*), ~w(topic options errno)a},
+    ring: {~w(BB.Ring.*), ~w(topic options errno native_library)a},
     native_process: {~w(BB.Sensor.NativeProcess.*), ~w(sensor ring topic options)a},
 
     # What all drivers are tested by. It has a robot, and breaks its wires.
@@ -134,7 +135,7 @@ defmodule ArchitectureTest do
   @boards ~w(Nerves Shoehorn VintageNet MdnsLite Circuits)
   @outside [
     {@boards, ~w(BB.Bus.* BB.Firmware.*)},
-    {~w(Rustler), ~w(BB.Ring.Loader)}
+    {~w(Rustler), ~w(BB.NativeLibrary)}
   ]
 
   # Each crate: the crates of ours that it may depend on. Siblings that name the ring do not name each other.
@@ -144,6 +145,7 @@ defmodule ArchitectureTest do
     "conduit_ring_nif" => ["conduit_ring"],
     "ganglion_messages" => [],
     "languages" => ["conduit_ring"],
+    "linux_bus_nif" => [],
     "process_guard" => ["program"],
     "program" => [],
     "camera" => ["conduit_ring", "ganglion_messages", "program"],
@@ -159,12 +161,14 @@ defmodule ArchitectureTest do
   @system_crates ~w(libc rustix nix)
   @system_files %{
     "conduit_ring" => ["native/conduit_ring/src/segment.rs"],
+    "linux_bus_nif" =>
+      for(file <- ~w(adapter device errno watcher), do: "native/linux_bus_nif/src/#{file}.rs"),
     "process_guard" =>
       for(file <- ~w(guard process watch), do: "native/process_guard/src/#{file}.rs")
   }
 
   # All other crates of ours have no `unsafe` at all, but in tests.
-  @unsafe_crates ~w(camera conduit_ring conduit_ring_c conduit_ring_nif process_guard)
+  @unsafe_crates ~w(camera conduit_ring conduit_ring_c conduit_ring_nif linux_bus_nif process_guard)
 
   @homeless ~w(utils util helpers helper common misc)
 

@@ -77,4 +77,15 @@ defmodule BB.Errno do
     with {:ok, name} <- Map.fetch(@names, errno),
          do: {:ok, name |> :file.format_error() |> to_string()}
   end
+
+  @doc """
+  The name of an errno as Erlang's, `:unknown` when it has none here.
+
+      iex> BB.Errno.name(13)
+      :eacces
+      iex> BB.Errno.name(9_999)
+      :unknown
+  """
+  @spec name(integer()) :: atom()
+  def name(errno), do: Map.get(@names, errno, :unknown)
 end

@@ -1,6 +1,7 @@
 defmodule Ganglion.Demo do
   @moduledoc """
-  The demonstration behind `bin/demo`: the robot that ships, or the one with all drivers, on simulated buses, watched for a while.
+  The demonstration behind `bin/demo`: the robot that ships, or the one with all drivers, on simulated buses or on those
+  of the machine, watched for a while.
 
   It starts the robot with its simulated buses, subscribes to everything that the robot publishes, and each second shows what came. SIGTERM
   (which `bin/demo` makes of Ctrl-C) and the end of the time stop the robot in order; then comes the summary.
@@ -11,7 +12,7 @@ defmodule Ganglion.Demo do
 
   alias BB.Bus.Sim
   alias BB.Sensor.NativeProcess.Program
-  alias Ganglion.Demo.{LogTail, Observation, Options, Processor, Report, Signals}
+  alias Ganglion.Demo.{LogTail, Observation, Options, Processor, RealBuses, Report, Signals}
   alias Ganglion.{Json, Robot}
 
   @topics ~w(camera imu tags)
@@ -40,6 +41,7 @@ defmodule Ganglion.Demo do
   def run(options) do
     with :ok <- check_photographs(options.frames),
          {:ok, imu} <- imu_source(options.imu),
+         :ok <- real_buses(options),
          {:ok, demo} <- start(options, imu) do
       demo |> watch() |> finish()
       0
@@ -183,6 +185,9 @@ defmodule Ganglion.Demo do
   defp now, do: System.monotonic_time(:nanosecond)
 
   # Input
+
+  defp real_buses(%{real: false}), do: :ok
+  defp real_buses(options), do: RealBuses.use_for(options.robot, options.bus)
 
   defp imu_source(nil), do: {:ok, nil}
 

@@ -8,6 +8,7 @@ defmodule Ganglion.DemoTest do
   doctest Ganglion.Json
   doctest Ganglion.Demo.Counter
   doctest Ganglion.Demo.Latency
+  doctest Ganglion.Demo.RealBuses
 
   describe "the command line" do
     @describetag :tmp_dir
@@ -19,6 +20,11 @@ defmodule Ganglion.DemoTest do
       assert {:ok, ^expected} = Options.parse(argv, dir)
     end
 
+    test "the machine's own buses are asked for, and by which name", %{tmp_dir: dir} do
+      assert {:ok, %Options{real: true, bus: nil}} = Options.parse(~w(--real), dir)
+      assert {:ok, %Options{bus: "i2c-7"}} = Options.parse(~w(--real --bus i2c-7), dir)
+    end
+
     test "a mistake is a sentence that says what was given and what is accepted", %{tmp_dir: dir} do
       for {argv, words} <- [
             {~w(--bogus), ["--bogus", "--seconds N"]},
@@ -27,6 +33,9 @@ defmodule Ganglion.DemoTest do
             {~w(--seconds soon), ["whole number", "got: soon"]},
             {~w(--robot none), ["ganglion or all", "got: none"]},
             {~w(--robot all --imu walk.csv), ["--imu", "ganglion alone"]},
+            {~w(--bus i2c-7), ["--bus", "add --real"]},
+            {~w(--real --bus), ["--bus", "nothing"]},
+            {~w(--real --imu walk.csv), ["--imu", "--real"]},
             {~w(--imu), ["--imu", "nothing"]},
             {~w(--imu missing.csv), [Path.join(dir, "missing.csv")]},
             {~w(--frames missing), [Path.join(dir, "missing")]}
@@ -141,7 +150,18 @@ defmodule Ganglion.DemoTest do
 
     test "tells how it is used" do
       assert {text, 0} = System.cmd(@demo, ["--help"])
-      for option <- ~w(--seconds --robot --imu --frames --json), do: assert(text =~ option)
+
+      for option <- ~w(--seconds --robot --real --bus --imu --frames --json),
+          do: assert(text =~ option)
+    end
+
+    test "says in one sentence that a bus of the machine is not there, and what to do" do
+      {text, status} =
+        System.cmd(@demo, ~w(--real --bus i2c-of-nobody --seconds 1), stderr_to_stdout: true)
+
+      assert status == 1
+      assert [sentence] = for("demo: " <> sentence <- String.split(text, "\n"), do: sentence)
+      assert sentence =~ "there is no bus /dev/i2c-of-nobody: enable it"
     end
   end
 end

@@ -4,7 +4,7 @@ defmodule BB.Ring.Native do
   # Elixir loads what it has just compiled. A NIF that was built for a board must not be loaded where it is built.
   @compile {:autoload, false}
 
-  use BB.Ring.Loader
+  use BB.NativeLibrary, "conduit_ring_nif"
 
   def now_ns, do: not_loaded()
   def nothing, do: not_loaded()

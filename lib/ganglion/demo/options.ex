@@ -3,15 +3,31 @@ defmodule Ganglion.Demo.Options do
   The demonstration's command line: pure but for looking whether files exist.
   """
 
-  @switches [seconds: :integer, robot: :string, imu: :string, frames: :string, json: :boolean]
+  @switches [
+    seconds: :integer,
+    robot: :string,
+    real: :boolean,
+    bus: :string,
+    imu: :string,
+    frames: :string,
+    json: :boolean
+  ]
   @robots %{"ganglion" => Ganglion.Robot, "all" => Ganglion.Robots.All}
-  @accepted "--seconds N, --robot ganglion|all, --imu FILE, --frames DIR, --json, --help"
+  @accepted "--seconds N, --robot ganglion|all, --real, --bus NAME, --imu FILE, --frames DIR, --json, --help"
 
-  defstruct seconds: nil, robot: Ganglion.Robot, imu: nil, frames: nil, json: false
+  defstruct seconds: nil,
+            robot: Ganglion.Robot,
+            real: false,
+            bus: nil,
+            imu: nil,
+            frames: nil,
+            json: false
 
   @type t :: %__MODULE__{
           seconds: pos_integer() | nil,
           robot: module(),
+          real: boolean(),
+          bus: String.t() | nil,
           imu: Path.t() | nil,
           frames: Path.t() | nil,
           json: boolean()
@@ -26,12 +42,15 @@ defmodule Ganglion.Demo.Options do
          {:ok, seconds} <- seconds(given[:seconds]),
          {:ok, robot} <- robot(given[:robot] || "ganglion"),
          :ok <- only_with(robot, given),
+         :ok <- check_bus(given),
          {:ok, imu} <- existing(given[:imu], from, &File.regular?/1, "--imu takes a file"),
          {:ok, frames} <- existing(given[:frames], from, &File.dir?/1, "--frames takes a folder") do
       {:ok,
        %__MODULE__{
          seconds: seconds,
          robot: robot,
+         real: given[:real] || false,
+         bus: given[:bus],
          imu: imu,
          frames: frames,
          json: given[:json] || false
@@ -51,6 +70,8 @@ defmodule Ganglion.Demo.Options do
 
   defp refused("--seconds", value),
     do: "--seconds takes a whole number from 1 up, got: #{value || "nothing"}"
+
+  defp refused("--bus", nil), do: "--bus takes the name of a bus such as i2c-1, got nothing"
 
   defp refused(option, nil) when option in ["--imu", "--frames"],
     do: "#{option} takes a path, got nothing"
@@ -72,6 +93,20 @@ defmodule Ganglion.Demo.Options do
     case Keyword.take(given, [:imu, :frames]) do
       [] -> :ok
       [{option, _} | _] -> {:error, "--#{option} is for the robot ganglion alone"}
+    end
+  end
+
+  defp check_bus(given) do
+    cond do
+      given[:bus] && !given[:real] ->
+        {:error, "--bus names a bus of this machine: add --real, which uses them"}
+
+      given[:imu] && given[:real] ->
+        {:error,
+         "--imu feeds the simulated IMU, and --real has a real one: leave one of them out"}
+
+      true ->
+        :ok
     end
   end
 

@@ -25,7 +25,8 @@ defmodule Mix.Tasks.Compile.Cargo do
     * `programs:` - the programs to build, by the names of their packages; `{"tools", "detector"}`
       is the program `detector` of a package that has another name
     * `always:` - programs that are built whatever the configuration asks for
-    * `nif:` - the package of a NIF's library, `nil` by default; it becomes `priv/<name>.so`
+    * `nif:` - the package of a NIF's library, or a list of them, `nil` by default; it becomes
+      `priv/<name>.so`
     * `locked:` - whether a `Cargo.lock` that does not fit is an error (`false`)
 
   Which of `programs:` are built is asked for by the configuration of the application, at compile

@@ -118,6 +118,16 @@ defmodule Mix.Tasks.Compile.CargoTest do
       assert {:ok, %Crates{programs: ["guard"]}} = crates([])
     end
 
+    test "may have several libraries" do
+      assert {:ok, crates} = crates([nif: ["one", "an-other"]], nil)
+      assert crates.packages == ~w(one an-other)
+
+      assert Crates.files(crates) == [
+               {"libone.so", "one.so"},
+               {"liban_other.so", "an_other.so"}
+             ]
+    end
+
     test "may have a package with another name than its program, and a dash in a library's" do
       assert {:ok, crates} = crates([nif: "rover-nif", programs: [{"tools", "detector"}]], nil)
       assert crates.packages == ~w(rover-nif tools)
@@ -146,6 +156,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
             {[programs: ["../x"]], ~s(programs: a list of names)},
             {[always: [1]], "always: a list"},
             {[nif: :rover], "nif: nil or the name"},
+            {[nif: ["one", 2]], "or a list of names"},
             {[locked: nil], "locked: true or false"},
             {[path: "nowhere"], "there is no nowhere/Cargo.toml"}
           ] do
@@ -183,7 +194,9 @@ defmodule Mix.Tasks.Compile.CargoTest do
 
   describe "the compiler" do
     @describetag :tmp_dir
-    @built ~w(libconduit_ring_nif.so camera ganglion process_guard vision_tags)
+    @nifs ~w(conduit_ring_nif linux_bus_nif)
+    @programs ~w(camera ganglion process_guard vision_tags)
+    @built Enum.map(@nifs, &"lib#{&1}.so") ++ @programs
 
     # In the place of cargo: writes down how it was called, and "builds".
     @cargo """
@@ -233,7 +246,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
       assert {_, 0} = mix("compile.cargo", context, env)
       priv = Path.join([context.build, "lib", "ganglion", "priv"])
 
-      for file <- ["conduit_ring_nif.so" | Enum.map(tl(@built), &Path.join("bin", &1))],
+      for file <- Enum.map(@nifs, &(&1 <> ".so")) ++ Enum.map(@programs, &Path.join("bin", &1)),
           do: assert(File.read!(Path.join(priv, file)) == "aarch64-unknown-linux-gnu\n")
 
       [called | environment] = context.log |> File.read!() |> String.split("\n", trim: true)
@@ -259,7 +272,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
       assert {text, 0} = mix("compile.cargo", context, [{"CARGO_SAYS", said}])
       assert text =~ said
       first = installed(context)
-      assert map_size(first) == 5
+      assert map_size(first) == 6
 
       # A build that makes a file anew gives it another inode.
       nothing = [{"CARGO_IDLE", "1"}, {"CARGO_SAYS", "    Finished `release` profile\n"}]

@@ -22,6 +22,7 @@ defmodule BB.Bus.GPIO.Line do
   Why a line does not work:
 
   - `:line_not_found`: there is no such line;
+  - `:no_rights`: its chip may not be opened;
   - `:line_busy`: another program has it;
   - `:line_lost`: it was taken over, or its chip has gone;
   - `:noise`: its level changes all the time;
@@ -29,6 +30,7 @@ defmodule BB.Bus.GPIO.Line do
   """
   @type reason ::
           {:line_not_found, spec() | [spec()]}
+          | {:no_rights, spec() | [spec()]}
           | {:line_busy, spec() | [spec()]}
           | {:line_lost, spec() | [spec()]}
           | {:noise, spec() | [spec()]}
@@ -160,6 +162,9 @@ defmodule BB.Bus.GPIO.Line do
   def explain({:line_not_found, spec}),
     do: "there is no #{name(spec)}: check its name, and that its chip is enabled"
 
+  def explain({:no_rights, spec}),
+    do: "#{name(spec)}: " <> BB.Bus.Linux.Rights.explain(chip(spec))
+
   def explain({:line_busy, spec}),
     do: "#{name(spec)} is in use: find the other program or device tree entry that has it"
 
@@ -183,6 +188,13 @@ defmodule BB.Bus.GPIO.Line do
   def name({chip, at}), do: "line #{at} of #{chip}"
   def name(at), do: "line #{at}"
 
+  # All chips of a machine belong to one group.
+  defp chip([spec | _]), do: chip(spec)
+  defp chip({"gpiochip" <> _ = chip, _at}), do: BB.Bus.Linux.path(chip)
+
+  defp chip(_spec),
+    do: BB.Bus.Linux.path(List.first(BB.Bus.Linux.devices("gpiochip")) || "gpiochip0")
+
   # Those who read and write are told by exceptions.
   defp raised(line, fun) do
     fun.()
@@ -194,6 +206,7 @@ defmodule BB.Bus.GPIO.Line do
   defp told(_line, result), do: result
 
   defp reason(error, spec) when error in [:not_found, :einval], do: {:line_not_found, spec}
+  defp reason(:eacces, spec), do: {:no_rights, spec}
   defp reason(:already_open, spec), do: {:line_busy, spec}
   defp reason(error, spec) when error in [:ebadf, :enodev], do: {:line_lost, spec}
   defp reason(error, spec), do: {:line, spec, error}

@@ -14,6 +14,8 @@ defmodule BB.Bus.I2C.Device do
   Registers have an address of one byte. The chip's side of a transfer is `BB.Bus.Sim.Device`, when it is simulated.
   """
 
+  @eacces 13
+
   @enforce_keys [:i2c, :bus, :bus_name, :address]
   defstruct [:i2c, :bus, :bus_name, :address]
 
@@ -28,6 +30,7 @@ defmodule BB.Bus.I2C.Device do
   - `:no_answer`: nobody acknowledges the address;
   - `:timeout`: a transfer held the bus for its whole timeout;
   - `:bus_not_found`: there is no such bus;
+  - `:no_rights`: it may not be opened;
   - `:wrong_chip`: what should identify it is `found` instead of `expected`;
   - `:not_configured`: the chip did not keep its settings when they were written;
   - `:restarted`: it was reset or lost its power while in use;
@@ -37,6 +40,7 @@ defmodule BB.Bus.I2C.Device do
           {:no_answer, String.t(), address()}
           | {:timeout, String.t(), address()}
           | {:bus_not_found, String.t()}
+          | {:no_rights, String.t()}
           | {:wrong_chip, String.t(), address(), found :: identity(), expected :: identity()}
           | {:not_configured, String.t(), address()}
           | {:restarted, String.t(), address()}
@@ -77,6 +81,7 @@ defmodule BB.Bus.I2C.Device do
 
     case i2c.open(opts[:bus], timeout: opts[:timeout]) do
       {:ok, bus} -> {:ok, %{device | bus: bus}}
+      {:error, {:errno, @eacces}} -> {:error, {:no_rights, device.bus_name}}
       {:error, error} -> error(device, error)
     end
   end
@@ -178,6 +183,8 @@ defmodule BB.Bus.I2C.Device do
 
   def explain({:bus_not_found, bus}),
     do: "there is no bus #{bus}: check its name, and that it is enabled"
+
+  def explain({:no_rights, bus}), do: bus |> BB.Bus.Linux.path() |> BB.Bus.Linux.Rights.explain()
 
   def explain({:wrong_chip, bus, address, found, expected}),
     do:

@@ -5,12 +5,12 @@ defmodule Mix.Tasks.Compile.Cargo.Crates do
   """
 
   @enforce_keys [:name, :path]
-  defstruct [:name, :path, :nif, packages: [], programs: [], locked?: false]
+  defstruct [:name, :path, nifs: [], packages: [], programs: [], locked?: false]
 
   @type t :: %__MODULE__{
           name: String.t(),
           path: Path.t(),
-          nif: String.t() | nil,
+          nifs: [String.t()],
           packages: [String.t()],
           programs: [String.t()],
           locked?: boolean()
@@ -29,13 +29,14 @@ defmodule Mix.Tasks.Compile.Cargo.Crates do
          :ok <- there(app, options[:path]),
          {:ok, chosen} <- choose(app, options[:programs], asked) do
       programs = Enum.map(options[:always] ++ chosen, &pair/1)
+      nifs = List.wrap(options[:nif])
 
       {:ok,
        %__MODULE__{
          name: to_string(app),
          path: Path.expand(options[:path]),
-         nif: options[:nif],
-         packages: Enum.uniq(List.wrap(options[:nif]) ++ Enum.map(programs, &elem(&1, 0))),
+         nifs: nifs,
+         packages: Enum.uniq(nifs ++ Enum.map(programs, &elem(&1, 0))),
          programs: Enum.map(programs, &elem(&1, 1)),
          locked?: options[:locked]
        }}
@@ -45,9 +46,12 @@ defmodule Mix.Tasks.Compile.Cargo.Crates do
   @doc "The files to install: `{name in cargo's folder, name in priv}`."
   @spec files(t()) :: [{String.t(), String.t()}]
   def files(%__MODULE__{} = crates) do
-    library = crates.nif && String.replace(crates.nif, "-", "_")
-    nif = if library, do: [{"lib#{library}.so", "#{library}.so"}], else: []
-    nif ++ for program <- crates.programs, do: {program, Path.join("bin", program)}
+    nifs =
+      for nif <- crates.nifs,
+          library = String.replace(nif, "-", "_"),
+          do: {"lib#{library}.so", "#{library}.so"}
+
+    nifs ++ for program <- crates.programs, do: {program, Path.join("bin", program)}
   end
 
   defp options(app, nil) do
@@ -76,8 +80,12 @@ defmodule Mix.Tasks.Compile.Cargo.Crates do
 
   defp mistake({:path, path}) when is_binary(path) and path != "", do: nil
   defp mistake({:path, _path}), do: ~s(path: a folder such as "native")
-  defp mistake({:nif, nif}) when is_nil(nif) or (is_binary(nif) and nif != ""), do: nil
-  defp mistake({:nif, _nif}), do: "nif: nil or the name of a package"
+
+  defp mistake({:nif, nif}) do
+    unless nif |> List.wrap() |> Enum.all?(&name?/1),
+      do: "nif: nil or the name of a package, or a list of names"
+  end
+
   defp mistake({:locked, locked}) when is_boolean(locked), do: nil
   defp mistake({:locked, _locked}), do: "locked: true or false"
 

@@ -1,0 +1,295 @@
+defmodule BB.Bus.Linux.I2C do
+  @moduledoc """
+  I2C of a Linux machine, with the interface of `Circuits.I2C` 2: the same names, arities, results
+  and error atoms. It speaks to the kernel's i2c-dev (`/dev/i2c-1`).
+
+  A driver takes its bus's module from `BB.Bus.I2C`, whose sensors share a bus. Alone it is used
+  like this:
+
+      {:ok, bus} = BB.Bus.Linux.I2C.open("i2c-1", timeout: 20)
+      {:ok, <<0x68>>} = BB.Bus.Linux.I2C.write_read(bus, 0x68, <<0x75>>, 1)
+
+  Transfers run on the schedulers for I/O. A bus is closed by `close/1`, or when its handle is
+  collected.
+
+  ## Errors
+
+  | term | errno | cause |
+  |---|---|---|
+  | `{:error, :bus_not_found}` | ENOENT | `open/2`: there is no file of this name |
+  | `{:error, :i2c_nak}` | EREMOTEIO | nobody answers at the address, or the device refuses |
+  | `{:error, :enxio}` | ENXIO | the same, as other adapters say it |
+  | `{:error, :timeout}` | ETIMEDOUT | the bus was held for the whole timeout |
+  | `{:error, :retry}` | EAGAIN | the bus was lost to another master |
+  | `{:error, :not_supported}` | EOPNOTSUPP | the adapter only knows SMBus |
+  | `{:error, {:errno, 9}}` | EBADF | the handle is closed |
+  | `{:error, {:errno, 13}}` | EACCES | `open/2`: no rights; `BB.Bus.Linux.explain/2` says which group has them |
+  | `{:error, {:errno, 19}}` | ENODEV | the adapter was unplugged |
+  | `{:error, {:errno, 22}}` | EINVAL | more than 8192 bytes at once |
+  | `{:error, {:errno, 25}}` | ENOTTY | `open/2`: the file is no I2C adapter |
+  | `{:error, {:errno, n}}` | n | another error |
+
+  ## Compared with Circuits
+
+  | function | here |
+  |---|---|
+  | `open/1,2`, `close/1`, `bus_names/0` | the same |
+  | `read/3,4`, `write/3,4`, `write_read/4,5`, and each with `!` | the same |
+  | `detect_devices/0,1`, `device_present?/2` | the same |
+  | `discover/1,2`, `discover_one/1,2`, `discover_one!/1,2` | the same |
+  | `info/0,1` | the same, of this module |
+  | `Circuits.I2C.Bus` and other backends | absent: the module is the interface |
+
+  Where Circuits has an answer that can do harm, this has another:
+
+  - an address above 127 raises; Circuits cuts it off, and writes to another device;
+  - more than 65535 bytes are an error; Circuits reads some of them;
+  - a file that is no I2C adapter is not asked whether it is one, which it could take for an order;
+  - an error of an adapter whose file is gone is `{:errno, 19}`, whatever its driver says: the bus is
+    then opened anew by `BB.Bus.I2C`. Circuits hands on that of the driver, which differs.
+
+  The kernel's timeout is the adapter's: the last one who sets it sets it for all.
+  """
+
+  alias BB.Bus.Linux
+  alias BB.Bus.Linux.{Error, Native}
+
+  @enforce_keys [:ref, :name, :path, :inode, :retries, :flags]
+  defstruct [:ref, :name, :path, :inode, :retries, :flags]
+
+  @typedoc "An open bus. It belongs to no process, may be shared, and is closed for all who have it."
+  @type t :: %__MODULE__{}
+
+  @typedoc "A 7-bit device address."
+  @type address :: 0..127
+
+  @typedoc "Tells whether a device is at an address."
+  @type present? :: (t(), address() -> boolean())
+
+  @prefix "i2c-"
+  @longest_timeout_ms 0x7FFFFFFF
+  @step_ms 10
+  # I2C_FUNC_SMBUS_QUICK of linux/i2c.h.
+  @quick 0x00010000
+  @enodev 19
+  @ebadf 9
+  # Memory chips may take an empty write for one of a byte.
+  @memory_chips [0x30..0x37, 0x50..0x5F]
+
+  @doc """
+  Opens a bus. Options:
+
+  - `:timeout`: how long a transfer may take, in milliseconds, in steps of 10, at least one; below 0
+    what the adapter has, the default;
+  - `:retries`: how often a failed transfer is tried again; default 0.
+
+  Others are ignored.
+  """
+  @spec open(String.t(), keyword()) :: {:ok, t()} | {:error, term()}
+  def open(name, opts \\ []) when is_binary(name) do
+    retries = retries!(opts, 0)
+    steps = steps!(Keyword.get(opts, :timeout, -1))
+
+    if Linux.name?(name), do: open(name, retries, steps), else: {:error, :bus_not_found}
+  end
+
+  defp open(name, retries, steps) do
+    path = Linux.path(name)
+
+    case Native.i2c_open(path, steps) do
+      {:ok, {ref, functions}} ->
+        {:ok,
+         %__MODULE__{
+           ref: ref,
+           name: name,
+           path: path,
+           inode: inode(path),
+           retries: retries,
+           flags: flags(functions)
+         }}
+
+      {:error, errno} ->
+        {:error, Error.i2c(errno)}
+    end
+  end
+
+  @doc "Reads `count` bytes from the device. `retries:` overrides that of `open/2`."
+  @spec read(t(), address(), non_neg_integer(), keyword()) :: {:ok, binary()} | {:error, term()}
+  def read(%__MODULE__{} = bus, address, count, opts \\ []) do
+    arguments = [address!(address), nil, count!(count)]
+    transfer(bus, opts, fn -> apply(Native, :i2c_read, [bus.ref | arguments]) end)
+  end
+
+  @doc "As `read/4`, and raises on an error."
+  @spec read!(t(), address(), non_neg_integer(), keyword()) :: binary()
+  def read!(bus, address, count, opts \\ []), do: value!(read(bus, address, count, opts))
+
+  @doc "Writes bytes to the device. None at all asks only whether it is there."
+  @spec write(t(), address(), iodata(), keyword()) :: :ok | {:error, term()}
+  def write(%__MODULE__{} = bus, address, data, opts \\ []) do
+    arguments = [address!(address), data!(data)]
+    transfer(bus, opts, fn -> apply(Native, :i2c_write, [bus.ref | arguments]) end)
+  end
+
+  @doc "As `write/4`, and raises on an error."
+  @spec write!(t(), address(), iodata(), keyword()) :: :ok
+  def write!(bus, address, data, opts \\ []), do: value!(write(bus, address, data, opts))
+
+  @doc "Writes bytes and then reads `count`, as one transfer that no other comes between."
+  @spec write_read(t(), address(), iodata(), non_neg_integer(), keyword()) ::
+          {:ok, binary()} | {:error, term()}
+  def write_read(%__MODULE__{} = bus, address, data, count, opts \\ []) do
+    arguments = [address!(address), data!(data), count!(count)]
+    transfer(bus, opts, fn -> apply(Native, :i2c_read, [bus.ref | arguments]) end)
+  end
+
+  @doc "As `write_read/5`, and raises on an error."
+  @spec write_read!(t(), address(), iodata(), non_neg_integer(), keyword()) :: binary()
+  def write_read!(bus, address, data, count, opts \\ []),
+    do: value!(write_read(bus, address, data, count, opts))
+
+  @doc "Closes the handle; once more changes nothing."
+  @spec close(t()) :: :ok
+  def close(%__MODULE__{ref: ref}), do: Native.i2c_close(ref)
+
+  @doc "The names of the machine's buses, in the order of their numbers."
+  @spec bus_names() :: [String.t()]
+  def bus_names, do: Linux.devices(@prefix)
+
+  @doc """
+  Prints which addresses of which buses answer. For the console.
+  """
+  @spec detect_devices() :: :"do not show this result in output"
+  def detect_devices do
+    for name <- bus_names(), do: IO.puts("#{name}: #{found(detect_devices(name))}")
+
+    if bus_names() == [],
+      do: IO.puts("no I2C bus: docs/guides/raspberry-pi-os.md shows how to get one")
+
+    :"do not show this result in output"
+  end
+
+  @doc """
+  The addresses from 0x03 to 0x77 where a device answers. Asking may disturb some devices.
+  """
+  @spec detect_devices(t() | String.t()) :: [address()] | {:error, term()}
+  def detect_devices(%__MODULE__{} = bus), do: Enum.filter(0x03..0x77, &device_present?(bus, &1))
+
+  def detect_devices(name) when is_binary(name) do
+    with {:ok, bus} <- open(name) do
+      found = detect_devices(bus)
+      close(bus)
+      found
+    end
+  end
+
+  @doc """
+  The buses and addresses, out of those that are possible, where the device is: where it answers, or
+  where `present?` says that it is.
+  """
+  @spec discover([address()], present?()) :: [{String.t(), address()}]
+  def discover(possible, present? \\ &device_present?/2),
+    do: Enum.flat_map(bus_names(), &discover_on(&1, possible, present?))
+
+  @doc "As `discover/2`, for a device of which there is one."
+  @spec discover_one([address()], present?()) ::
+          {:ok, {String.t(), address()}} | {:error, :not_found | :multiple_possible_matches}
+  def discover_one(possible, present? \\ &device_present?/2) do
+    case discover(possible, present?) do
+      [found] -> {:ok, found}
+      [] -> {:error, :not_found}
+      _several -> {:error, :multiple_possible_matches}
+    end
+  end
+
+  @doc "As `discover_one/2`, and raises on an error."
+  @spec discover_one!([address()], present?()) :: {String.t(), address()}
+  def discover_one!(possible, present? \\ &device_present?/2),
+    do: value!(discover_one(possible, present?))
+
+  @doc """
+  Whether a device answers at the address: to an empty write, or to a read where the adapter knows no
+  empty writes or where they could change a memory chip.
+  """
+  @spec device_present?(t(), address()) :: boolean()
+  def device_present?(%__MODULE__{} = bus, address) do
+    if :supports_empty_write in bus.flags and not Enum.any?(@memory_chips, &(address in &1)),
+      do: write(bus, address, <<>>) == :ok,
+      else: match?({:ok, _}, read(bus, address, 1))
+  end
+
+  @doc "What this is."
+  @spec info(term()) :: map()
+  def info(_backend \\ nil), do: %{backend: __MODULE__}
+
+  # Each try is a transfer of its own.
+  defp transfer(bus, opts, fun), do: attempt(bus, retries!(opts, bus.retries), fun)
+
+  defp attempt(bus, retries, fun) do
+    case fun.() do
+      {:error, @ebadf} -> {:error, Error.i2c(@ebadf)}
+      {:error, _errno} when retries > 0 -> attempt(bus, retries - 1, fun)
+      {:error, errno} -> {:error, error(Error.i2c(errno), bus)}
+      done -> done
+    end
+  end
+
+  # What an adapter that was unplugged answers differs with its driver.
+  defp error(error, _bus) when error in [:i2c_nak, :enxio, :retry], do: error
+  defp error(error, bus), do: if(inode(bus.path) == bus.inode, do: error, else: {:errno, @enodev})
+
+  # A file that comes back by the same name is another one.
+  defp inode(path) do
+    with {:ok, info} <- :file.read_file_info(path, [:raw]), do: elem(info, 11), else: (_ -> nil)
+  end
+
+  defp flags(functions),
+    do: if(Bitwise.band(functions, @quick) != 0, do: [:supports_empty_write], else: [])
+
+  defp discover_on(name, possible, present?) do
+    case open(name) do
+      {:ok, bus} ->
+        found = for address <- possible, present?.(bus, address), do: {name, address}
+        close(bus)
+        found
+
+      {:error, error} ->
+        raise "I2C discovery error: Opening #{name} failed with #{inspect(error)}"
+    end
+  end
+
+  defp found({:error, _error} = error), do: inspect(error)
+  defp found([]), do: "no device answers"
+  defp found(addresses), do: Enum.map_join(addresses, ", ", &"0x#{Integer.to_string(&1, 16)}")
+
+  defp value!(:ok), do: :ok
+  defp value!({:ok, value}), do: value
+  defp value!({:error, reason}), do: raise("I2C failure: #{inspect(reason)}")
+
+  defp steps!(timeout) when is_integer(timeout) and timeout < 0, do: nil
+
+  defp steps!(timeout) when is_integer(timeout) and timeout <= @longest_timeout_ms,
+    do: max(div(timeout + div(@step_ms, 2), @step_ms), 1)
+
+  defp steps!(other),
+    do: raise(ArgumentError, "timeout must be an integer in milliseconds, got: #{inspect(other)}")
+
+  defp retries!(opts, default) do
+    case Keyword.get(opts, :retries, default) do
+      retries when is_integer(retries) and retries >= 0 -> retries
+      _ -> raise ArgumentError, "retries must be a non-negative integer"
+    end
+  end
+
+  defp address!(address) when address in 0..127, do: address
+
+  defp address!(other),
+    do: raise(ArgumentError, "expected a 7-bit address (0..127), got: #{inspect(other)}")
+
+  defp count!(count) when is_integer(count) and count >= 0, do: count
+
+  defp count!(other),
+    do: raise(ArgumentError, "expected the number of bytes to read, got: #{inspect(other)}")
+
+  defp data!(data), do: IO.iodata_to_binary(data)
+end
