@@ -3,7 +3,6 @@ defmodule Ganglion.MixProject do
 
   @app :ganglion
   @version "0.1.0"
-  @targets [:rpi3, :rpi4, :rpi5, :bbb, :x86_64, :qemu_aarch64]
 
   def project do
     [
@@ -83,7 +82,6 @@ defmodule Ganglion.MixProject do
 
   defp deps(_target) do
     [
-      {:nerves, "~> 1.15", runtime: false},
       {:shoehorn, "~> 0.9.3"},
       {:ring_logger, "~> 0.11.6"},
       {:toolshed, "~> 0.5"},
@@ -92,19 +90,18 @@ defmodule Ganglion.MixProject do
       {:nerves_pack, "~> 0.7.2"},
       {:vintage_net, "~> 0.13.13"},
       {:circuits_i2c, "~> 2.1"},
-      {:circuits_gpio, "~> 2.3"},
-      {:nerves_system_rpi3, "~> 2.0", runtime: false, targets: :rpi3},
-      {:nerves_system_rpi4, "~> 2.1", runtime: false, targets: :rpi4},
-      {:nerves_system_rpi5, "~> 2.1", runtime: false, targets: :rpi5},
-      {:nerves_system_bbb, "~> 2.20", runtime: false, targets: :bbb},
-      {:nerves_system_x86_64, "~> 1.34", runtime: false, targets: :x86_64},
-      {:nerves_system_qemu_aarch64, "~> 0.4", runtime: false, targets: :qemu_aarch64}
-    ]
-    |> Enum.map(&for_known_targets/1)
+      {:circuits_gpio, "~> 2.3"}
+    ] ++ if(Mix.Project.get() in [nil, __MODULE__], do: image(), else: [])
   end
 
-  defp for_known_targets({name, requirement}), do: {name, requirement, targets: @targets}
+  # What makes an image. A project that depends on this one makes its own, on the system that it chooses.
+  defp image do
+    {boards, _binding} = Code.eval_file("config/boards.exs", __DIR__)
 
-  defp for_known_targets({name, requirement, opts}),
-    do: {name, requirement, Keyword.put_new(opts, :targets, @targets)}
+    systems =
+      for {board, facts} <- boards,
+          do: {:"nerves_system_#{board}", facts[:system], runtime: false, targets: board}
+
+    [{:nerves, "~> 1.15", runtime: false} | systems]
+  end
 end

@@ -77,7 +77,7 @@ defmodule BB.Firmware.ImageTest do
     end
 
     test "is built of packages that are used" do
-      files = ~w(config/target.exs rootfs_overlay/etc/iex.exs) ++ Path.wildcard("lib/**/*.ex")
+      files = ~w(config/firmware.exs rootfs_overlay/etc/iex.exs) ++ Path.wildcard("lib/**/*.ex")
       named = Enum.map_join(files, &letters(File.read!(&1)))
 
       for [_, name] <- Regex.scan(~r/^      {:(\w+), "~>/m, File.read!("mix.exs")),
@@ -87,6 +87,29 @@ defmodule BB.Firmware.ImageTest do
 
     # Circuits.I2C is circuits_i2c.
     defp letters(text), do: text |> String.downcase() |> String.replace(["_", "."], "")
+
+    @tag :tmp_dir
+    test "of another project has all but the robot and its name from here, and keys of its own",
+         %{config: config, tmp_dir: project} do
+      file = Path.expand("config/firmware.exs")
+      keys = Path.join(project, "firmware/keys/ssh")
+      File.mkdir_p!(keys)
+      File.write!(Path.join(keys, "ada.pub"), "ssh-ed25519 AAAA ada\n")
+
+      shared =
+        File.cd!(project, fn -> Config.Reader.read!(file, env: :prod, target: :rpi4) end)
+
+      assert shared[:nerves_ssh][:authorized_keys] == ["ssh-ed25519 AAAA ada"]
+      refute Keyword.has_key?(shared[:ganglion], :robot)
+
+      for {application, settings} <- config, application not in [:mdns_lite, :ganglion] do
+        assert Keyword.delete(shared[application], :authorized_keys) ==
+                 Keyword.delete(settings, :authorized_keys)
+      end
+
+      own = Keyword.keys(config[:ganglion]) -- Keyword.keys(shared[:ganglion])
+      assert own -- [:robot, :i2c] == []
+    end
 
     test "keeps nobody's login key that is not in its image", %{config: config} do
       refute String.starts_with?(config[:nerves_ssh][:user_dir], "/data")
