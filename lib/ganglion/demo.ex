@@ -1,10 +1,13 @@
 defmodule Ganglion.Demo do
   @moduledoc """
-  The demonstration behind `bin/demo`: the robot that ships, or the one with all drivers, on simulated buses or on those
-  of the machine, watched for a while.
+  The demonstration behind `bin/demo`: a robot on simulated buses or on those of the machine, watched for a while. It is the
+  robot that ships, the one with all drivers, or any other:
 
-  It starts the robot with its simulated buses, subscribes to everything that the robot publishes, and each second shows what came. SIGTERM
-  (which `bin/demo` makes of Ctrl-C) and the end of the time stop the robot in order; then comes the summary.
+      Ganglion.Demo.main(["--seconds", "10"], robot: Rover)
+
+  It starts the robot with its simulated buses, subscribes to everything that the robot publishes, and each second shows what came:
+  of any robot its sensors, of one that speaks through the ring its topics too. SIGTERM (which `bin/demo` makes of Ctrl-C) and the
+  end of the time stop the robot in order; then comes the summary.
 
   Each run has ring topics of its own, `demo_<number of the process>.camera` and so on (`BB.Topic`), so that demonstrations go on
   beside each other and beside other robots.
@@ -12,23 +15,24 @@ defmodule Ganglion.Demo do
 
   alias BB.Bus.Sim
   alias BB.Sensor.NativeProcess.Program
-  alias Ganglion.Demo.{LogTail, Observation, Options, Processor, RealBuses, Report, Signals}
+  alias Ganglion.Demo.{LogTail, Observation, Options, Processor, RealBuses, Report, Signals, Wiring}
   alias Ganglion.{Json, Robot}
 
-  @topics ~w(camera imu tags)
-  @carriers [:imu_outlet, :tags_inlet]
   @imu_address 0x68
   @log_lines 5
 
   defstruct [:options, :started, :screen?, :robot, :observation, :processor, log: []]
 
-  @doc "Runs the demonstration with the arguments of the command line and ends the VM with its exit status."
-  @spec main([String.t()]) :: no_return()
-  def main(argv) do
+  @doc """
+  Runs the demonstration with the arguments of the command line and ends the VM with its exit status. `robot:` is the robot that
+  it shows where the arguments name none.
+  """
+  @spec main([String.t()], robot: module()) :: no_return()
+  def main(argv, opts \\ []) do
     from = System.get_env("GANGLION_CALLER_DIR", File.cwd!())
 
     status =
-      case Options.parse(argv, from) do
+      case Options.parse(argv, from, Keyword.get(opts, :robot, Robot)) do
         {:ok, options} -> run(options)
         {:error, mistake} -> fail(mistake, 2)
       end
@@ -126,11 +130,9 @@ defmodule Ganglion.Demo do
     end)
   end
 
-  defp topics(Robot) do
-    for name <- @topics, {:ok, info} <- [BB.Ring.info(BB.topic(Robot, name))], do: info
+  defp topics(robot) do
+    for topic <- Wiring.topics(robot), {:ok, info} <- [BB.Ring.info(topic)], do: info
   end
-
-  defp topics(_robot), do: []
 
   defp finish(demo) do
     demo = observe_topics(demo)
@@ -166,21 +168,19 @@ defmodule Ganglion.Demo do
       health: Enum.sort_by(BB.Sensor.health(demo.options.robot), & &1.name),
       carried:
         for(
-          name <- carriers(demo.options.robot),
+          name <- Wiring.carriers(demo.options.robot),
           {:ok, stats} <- [BB.Handoff.stats(demo.options.robot, name)],
           into: %{},
           do: {name, stats}
         ),
-      topic_of: if(demo.options.robot == Robot, do: &Robot.topic/1, else: fn _ -> nil end),
+      outputs: Wiring.outputs(demo.options.robot),
+      vision?: Wiring.sees?(demo.options.robot),
       processor: Processor.share(demo.processor),
       seconds: (now() - demo.started) / 1.0e9,
       now: now(),
       log: Enum.reverse(demo.log)
     }
   end
-
-  defp carriers(Robot), do: @carriers
-  defp carriers(_robot), do: []
 
   defp now, do: System.monotonic_time(:nanosecond)
 

@@ -73,16 +73,6 @@ defmodule Ganglion.Robot do
     end
   end
 
-  @doc """
-  The ring topic in which a sensor's output can be seen, where it has one, with the prefix with which
-  the robot was started (`BB.Topic`).
-  """
-  @spec topic(atom()) :: String.t() | nil
-  def topic(:camera), do: BB.topic(__MODULE__, "camera")
-  def topic(:imu_outlet), do: BB.topic(__MODULE__, "imu")
-  def topic(:tags_inlet), do: BB.topic(__MODULE__, "tags")
-  def topic(_name), do: nil
-
   @doc false
   def camera_args, do: Application.get_env(:ganglion, :camera_args, [])
 end

@@ -3,7 +3,8 @@ defmodule Ganglion.DemoTest do
 
   alias BB.Message
   alias BB.Message.Vision.TagDetections
-  alias Ganglion.Demo.{Observation, Options, Report}
+  alias Ganglion.Demo.{Observation, Options, Report, Wiring}
+  alias Ganglion.Robots.All
 
   doctest Ganglion.Json
   doctest Ganglion.Demo.Counter
@@ -32,6 +33,8 @@ defmodule Ganglion.DemoTest do
             {~w(--seconds 0), ["from 1 up", "got: 0"]},
             {~w(--seconds soon), ["whole number", "got: soon"]},
             {~w(--robot none), ["ganglion or all", "got: none"]},
+            {~w(--robot NoRobot), ["a robot's module", "got: NoRobot"]},
+            {~w(--robot Enum), ["a robot's module", "got: Enum"]},
             {~w(--robot all --imu walk.csv), ["--imu", "ganglion alone"]},
             {~w(--bus i2c-7), ["--bus", "add --real"]},
             {~w(--real --bus), ["--bus", "nothing"]},
@@ -44,6 +47,55 @@ defmodule Ganglion.DemoTest do
         for word <- words, do: assert(sentence =~ word)
       end
     end
+  end
+
+  test "shows any robot: the one that is named, or else its caller's" do
+    robot = a_robot()
+    assert {:ok, %{robot: ^robot}} = Options.parse(["--robot", inspect(robot)], "/")
+    assert {:ok, %{robot: ^robot}} = Options.parse([], "/", robot)
+    assert {:ok, %{robot: Ganglion.Robots.All}} = Options.parse(~w(--robot all), "/", robot)
+    assert {:error, sentence} = Options.parse(~w(--imu walk.csv), "/", robot)
+    assert sentence =~ "ganglion alone"
+  end
+
+  describe "the wiring of a robot" do
+    test "names its topics, what carries them, and where its output can be seen" do
+      assert Wiring.topics(Ganglion.Robot) |> Enum.sort() == ~w(camera imu tags)
+      assert Wiring.carriers(Ganglion.Robot) |> Enum.sort() == [:imu_outlet, :tags_inlet]
+
+      assert Wiring.outputs(Ganglion.Robot) ==
+               %{camera: "camera", imu_outlet: "imu", tags_inlet: "tags"}
+
+      assert Wiring.sees?(Ganglion.Robot)
+    end
+
+    test "follows publishes, and leaves out what is not declared" do
+      robot = a_robot()
+      assert Wiring.name(robot) == "stranger"
+      assert Wiring.topics(robot) == ~w(scans map pose)
+      assert Wiring.outputs(robot) == %{mapper: "map"}
+      refute Wiring.sees?(robot)
+      assert {[], [], %{}} = {Wiring.topics(All), Wiring.carriers(All), Wiring.outputs(All)}
+    end
+  end
+
+  defp a_robot do
+    BB.Test.Robot.create(
+      quote do
+        settings do
+          name :stranger
+        end
+
+        sensors do
+          sensor :mapper,
+                 {BB.Sensor.NativeProcess,
+                  program: "mapper", topics: [scans: "scans", map: "map"], publishes: [:map]}
+
+          sensor :pilot,
+                 {BB.Sensor.NativeProcess, program: "pilot", topics: [map: "map", pose: "pose"]}
+        end
+      end
+    )
   end
 
   describe "the summary" do
@@ -101,7 +153,9 @@ defmodule Ganglion.DemoTest do
         health: health,
         carried: %{inlet: %{published: 1, lost: 0, malformed: 2}},
         processor: 0.123,
-        topic_of: &if(&1 == :camera, do: "camera"),
+        name: "ganglion",
+        outputs: %{camera: "camera"},
+        vision?: true,
         seconds: 4.0,
         now: 4 * second,
         log: ["[info] a line"]
@@ -134,6 +188,24 @@ defmodule Ganglion.DemoTest do
       assert summary.cpu_percent == 12.3
       assert summary.vision == %{frames: 0, detections: 0, p50_us: nil, p99_us: nil}
       assert summary |> Ganglion.Json.encode() |> IO.iodata_to_binary() =~ ~s("p50_us":null)
+    end
+
+    test "the screen shows the last value of a payload that it does not know", %{view: view} do
+      payload = %Message.Sensor.BatteryState{voltage: 12.0, percentage: 0.5}
+      contact = Message.new!(Message.Sensor.Contact, :bumper, pressed: true)
+      message = %{contact | payload: payload}
+
+      observation =
+        Observation.message(view.observation, [:sensor, :base, :bumper], message, view.now)
+
+      screen = IO.iodata_to_binary(Report.screen(%{view | observation: observation}))
+      assert screen =~ ~r/bumper +up .* capacity 0\.0/
+    end
+
+    test "the screen of a robot without a camera has no line about vision", %{view: view} do
+      assert IO.iodata_to_binary(Report.screen(view)) =~ "vision:"
+      refute IO.iodata_to_binary(Report.screen(%{view | vision?: false})) =~ "vision"
+      refute IO.iodata_to_binary(Report.closing(%{view | vision?: false})) =~ "vision"
     end
 
     test "the screen shows states, reasons and the log", %{view: view} do

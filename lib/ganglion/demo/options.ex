@@ -13,7 +13,7 @@ defmodule Ganglion.Demo.Options do
     json: :boolean
   ]
   @robots %{"ganglion" => Ganglion.Robot, "all" => Ganglion.Robots.All}
-  @accepted "--seconds N, --robot ganglion|all, --real, --bus NAME, --imu FILE, --frames DIR, --json, --help"
+  @accepted "--seconds N, --robot NAME, --real, --bus NAME, --imu FILE, --frames DIR, --json, --help"
 
   defstruct seconds: nil,
             robot: Ganglion.Robot,
@@ -34,13 +34,14 @@ defmodule Ganglion.Demo.Options do
         }
 
   @doc """
-  The options of `argv`; relative paths count from `from`. A mistake is `{:error, sentence}`.
+  The options of `argv`; relative paths count from `from`, `robot` is the one that is shown when none is named. A mistake is
+  `{:error, sentence}`.
   """
-  @spec parse([String.t()], Path.t()) :: {:ok, t()} | {:error, String.t()}
-  def parse(argv, from) do
+  @spec parse([String.t()], Path.t(), module()) :: {:ok, t()} | {:error, String.t()}
+  def parse(argv, from, robot \\ Ganglion.Robot) do
     with {:ok, given} <- split(argv),
          {:ok, seconds} <- seconds(given[:seconds]),
-         {:ok, robot} <- robot(given[:robot] || "ganglion"),
+         {:ok, robot} <- robot(given[:robot] || robot),
          :ok <- only_with(robot, given),
          :ok <- check_bus(given),
          {:ok, imu} <- existing(given[:imu], from, &File.regular?/1, "--imu takes a file"),
@@ -66,7 +67,8 @@ defmodule Ganglion.Demo.Options do
     end
   end
 
-  defp refused("--robot", nil), do: "--robot takes ganglion or all, got nothing"
+  defp refused("--robot", nil),
+    do: "--robot takes ganglion or all, or a robot's module, got nothing"
 
   defp refused("--seconds", value),
     do: "--seconds takes a whole number from 1 up, got: #{value || "nothing"}"
@@ -82,9 +84,20 @@ defmodule Ganglion.Demo.Options do
   defp seconds(seconds) when seconds > 0, do: {:ok, seconds}
   defp seconds(seconds), do: {:error, refused("--seconds", seconds)}
 
+  defp robot(module) when is_atom(module), do: {:ok, module}
+
   defp robot(name) do
     with :error <- Map.fetch(@robots, name),
-         do: {:error, "--robot takes ganglion or all, got: #{name}"}
+         :error <- declared(name),
+         do: {:error, "--robot takes ganglion or all, or a robot's module, got: #{name}"}
+  end
+
+  defp declared(name) do
+    module = if name =~ ~r/\A[A-Z][\w.]{0,200}\z/, do: Module.concat([name])
+
+    if module && Code.ensure_loaded?(module) && function_exported?(module, :robot, 0),
+      do: {:ok, module},
+      else: :error
   end
 
   defp only_with(Ganglion.Robot, _given), do: :ok

@@ -7,16 +7,18 @@ defmodule Ganglion.Demo.Report do
   alias BB.Message.System.Status
   alias BB.Message.Vision.TagDetections
   alias BB.Math.Vec3
-  alias Ganglion.Console.Table
+  alias Ganglion.Console.{Reading, Table}
   alias Ganglion.Demo.{Counter, Latency, Observation}
 
-  @typedoc "All that a report is made of. `carried` are the counters of outlets and inlets; `topic_of` names a sensor's ring topic, `processor` is the VM's share of a core."
+  @typedoc "All that a report is made of. `carried` are the counters of outlets and inlets; `outputs` names a sensor's ring topic, `vision?` says whether tags are looked for, `processor` is the VM's share of a core."
   @type view :: %{
+          name: String.t(),
           observation: Observation.t(),
           health: [map()],
           carried: %{atom() => map()},
           processor: float() | nil,
-          topic_of: (atom() -> String.t() | nil),
+          outputs: %{atom() => String.t()},
+          vision?: boolean(),
           seconds: number(),
           now: integer(),
           log: [String.t()]
@@ -26,7 +28,7 @@ defmodule Ganglion.Demo.Report do
   @spec screen(view()) :: iodata()
   def screen(view) do
     [
-      "ganglion, #{round(view.seconds)} s   (Ctrl-C stops)\n\n",
+      "#{view.name}, #{round(view.seconds)} s   (Ctrl-C stops)\n\n",
       row(["sensor", "state", "Hz", "of", "age", "restarts", "last value"]),
       Enum.map(view.health, &sensor_row(&1, view)),
       "\n",
@@ -62,10 +64,9 @@ defmodule Ganglion.Demo.Report do
       for {name, sensor} <- Enum.sort(summary.sensors) do
         "  #{pad(name, 15)} #{pad(sensor.state, 8)} #{sensor.published} published, #{rates(sensor)}, #{sensor.restarts} restarts\n"
       end,
+      if(view.vision?, do: ["  ", vision_line(view)], else: []),
       if(ring?(view),
         do: [
-          "  ",
-          vision_line(view),
           "  ring: #{summary.ring.lost} lost, #{summary.ring.torn} torn, topics ",
           Enum.map_join(Enum.sort(Map.keys(view.observation.topics)), ", ", & &1),
           "\n"
@@ -87,7 +88,11 @@ defmodule Ganglion.Demo.Report do
     longest = rows |> Enum.map(&String.length(hd(&1))) |> Enum.max()
 
     if ring?(view),
-      do: [Enum.map(rows, &topic_row(&1, max(longest + 1, 15))), "\n", vision_line(view)],
+      do: [
+        Enum.map(rows, &topic_row(&1, max(longest + 1, 15))),
+        "\n",
+        if(view.vision?, do: vision_line(view), else: [])
+      ],
       else: []
   end
 
@@ -135,8 +140,8 @@ defmodule Ganglion.Demo.Report do
   end
 
   # What a sensor gives is seen on its pubsub path, or on its ring topic.
-  defp counter(sensor, %{observation: observation, topic_of: topic_of}) do
-    case {observation.paths[[:sensor | sensor.path]], observation.topics[topic_of.(sensor.name)]} do
+  defp counter(sensor, %{observation: observation, outputs: outputs}) do
+    case {observation.paths[[:sensor | sensor.path]], observation.topics[outputs[sensor.name]]} do
       {{counter, _payload}, _} -> counter
       {nil, {counter, _info}} -> counter
       {nil, nil} -> nil
@@ -181,7 +186,9 @@ defmodule Ganglion.Demo.Report do
 
   defp describe(%{lost: lost, malformed: malformed}), do: "#{lost} lost, #{malformed} malformed"
   defp describe(%{too_large: too_large}), do: "#{too_large} too large"
-  defp describe(_), do: ""
+  defp describe(nil), do: ""
+  # A payload that is known to its robot alone.
+  defp describe(payload), do: Reading.line(payload)
 
   defp length_of(%Vec3{x: x, y: y, z: z}), do: :math.sqrt(x * x + y * y + z * z)
   defp decimal(number), do: :erlang.float_to_binary(number, decimals: 2)
