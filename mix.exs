@@ -22,7 +22,7 @@ defmodule Ganglion.MixProject do
     [
       mod: {Ganglion.Application, []},
       # SASL has the handler of alarms. What else an image needs stands with its release.
-      extra_applications: [:logger, :sasl] ++ test_applications(Mix.env())
+      extra_applications: [:eex, :logger, :sasl] ++ test_applications(Mix.env())
     ]
   end
 

@@ -96,8 +96,7 @@ defmodule BB.Firmware.ImageTest do
       File.mkdir_p!(keys)
       File.write!(Path.join(keys, "ada.pub"), "ssh-ed25519 AAAA ada\n")
 
-      shared =
-        File.cd!(project, fn -> Config.Reader.read!(file, env: :prod, target: :rpi4) end)
+      shared = File.cd!(project, fn -> Config.Reader.read!(file, env: :prod, target: :rpi4) end)
 
       assert shared[:nerves_ssh][:authorized_keys] == ["ssh-ed25519 AAAA ada"]
       refute Keyword.has_key?(shared[:ganglion], :robot)
