@@ -9,5 +9,5 @@ ExUnit.start(
   capture_log: true,
   assert_receive_timeout: 60_000,
   timeout: 600_000,
-  exclude: [:docs, :project, :release]
+  exclude: [:docs, :new, :project, :release]
 )

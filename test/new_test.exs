@@ -1,0 +1,138 @@
+defmodule NewTest do
+  @moduledoc """
+  From nothing to a robot of one's own, as a person does it: `bin/new`, `bin/demo`, `bin/test` and a release, in a folder outside of
+  the repository, with Ganglion by path and by git. `bin/test new` runs this, `mix test` leaves it out, for it builds all anew.
+  """
+
+  use ExUnit.Case, async: false
+
+  import BB.Test.Eventually
+
+  alias BB.Test.{Native, Run}
+
+  @moduletag :new
+  @moduletag timeout: 1_800_000
+
+  @repository File.cwd!()
+
+  setup do
+    folder = Path.join(System.tmp_dir!(), Run.unique("new"))
+    topics = Path.join("/dev/shm", Run.unique("new"))
+    for dir <- [folder, topics], do: File.mkdir!(dir)
+    on_exit(fn -> for dir <- [folder, topics], do: File.rm_rf!(dir) end)
+    %{folder: folder, topics: topics, rover: Path.join(folder, "rover")}
+  end
+
+  # The crates that this checkout has built are those of the project: the same sources at the same place.
+  test "a robot by path runs at once, passes its tests, and runs as a release", place do
+    place = Map.put(place, :crates, Path.join(@repository, "_build/cargo"))
+    new(place, [])
+
+    assert_demo(place)
+    run!(place, "bin/test")
+    run!(place, "mix", ~w(format --check-formatted))
+    run!(place, "mix", ~w(compile --force --warnings-as-errors))
+    assert_release(place)
+    assert File.ls!(place.topics) == []
+  end
+
+  test "a robot by git runs at once and passes its tests", place do
+    origin = Path.join(place.folder, "origin")
+    publish(origin)
+    new(place, ["--from", "git:file://" <> origin])
+
+    assert_demo(place)
+    run!(place, "bin/test")
+    run!(place, "mix", ~w(compile --force --warnings-as-errors))
+    assert File.read!(Path.join(place.rover, "mix.lock")) =~ "ganglion"
+    assert File.ls!(place.topics) == []
+  end
+
+  # What a person does, in the order in which they do it.
+
+  defp new(place, options) do
+    empty = Path.join(place.folder, "empty")
+    File.mkdir!(empty)
+    said = run!(%{place | rover: empty}, Path.expand("bin/new"), ["../rover" | options])
+    assert said =~ "Rover is in"
+    assert File.ls!(empty) == []
+  end
+
+  defp assert_demo(place) do
+    said = run!(place, "bin/demo", ~w(--seconds 10 --json))
+
+    summary =
+      said |> String.split("\n", trim: true) |> Enum.filter(&(&1 =~ ~r/^{/)) |> List.last()
+
+    for sensor <- ~w(imu temperature ranger ranger_inlet) do
+      assert summary =~ ~r/"#{sensor}":{[^}]*"published":[1-9]\d*[^}]*"state":"up"}/, said
+    end
+  end
+
+  defp assert_release(place) do
+    run!(place, "mix", ~w(release --quiet), [{"MIX_ENV", "prod"}])
+    rover = Path.join(place.rover, "_build/prod/rel/rover/bin/rover")
+    node = [{"RELEASE_NODE", String.replace(Run.unique("rover"), ".", "_")}]
+
+    run!(place, rover, ["daemon"], node)
+    os_pid = eventually(fn -> pid(place, rover, node) end)
+    on_exit(fn -> Native.end_by_force(os_pid) end)
+
+    # The console's robot is the configured one.
+    for sensor <- ~w(imu temperature ranger) do
+      eventually(fn ->
+        {said, _} = run(place, rover, ["rpc", "Ganglion.Console.sensors()"], node)
+        said =~ ~r/^#{sensor} +up +\d+\.\d/m
+      end)
+    end
+
+    eventually(fn ->
+      {said, _} = run(place, rover, ["rpc", "Ganglion.Console.topics()"], node)
+      said =~ "sensor/base_link/ranger" and said =~ "sensor/base_link/temperature"
+    end)
+
+    run!(place, rover, ["stop"], node)
+    eventually(fn -> not Native.running?(os_pid) end)
+  end
+
+  defp pid(place, rover, node) do
+    with {text, 0} <- run(place, rover, ["pid"], node),
+         do: text |> String.trim() |> String.to_integer(),
+         else: (_not_yet -> nil)
+  end
+
+  # A repository with the files of this checkout as they are, committed or not.
+  defp publish(origin) do
+    {files, 0} = System.cmd("git", ~w(ls-files -z --cached --others --exclude-standard))
+
+    for file <- String.split(files, <<0>>, trim: true), File.regular?(file) do
+      copy = Path.join(origin, file)
+      File.mkdir_p!(Path.dirname(copy))
+      File.cp!(file, copy)
+    end
+
+    git = ~w(-c user.name=test -c user.email=test@localhost -c init.defaultBranch=main)
+
+    for step <- [~w(init -q), ~w(add -A), ~w(commit -q -m all)] do
+      assert {_, 0} = System.cmd("git", git ++ step, cd: origin, stderr_to_stdout: true)
+    end
+  end
+
+  defp run!(place, command, arguments \\ [], env \\ []) do
+    {said, status} = run(place, command, arguments, env)
+    assert status == 0, "#{command} #{Enum.join(arguments, " ")} ended with #{status}:\n#{said}"
+    said
+  end
+
+  # In the environment of a person, not in that of a test.
+  defp run(place, command, arguments, env) do
+    nobody =
+      for name <- ~w(MIX_ENV MIX_TARGET MIX_EXS MIX_BUILD_PATH MIX_DEPS_PATH GANGLION_CALLER_DIR),
+          do: {name, nil}
+
+    env = nobody ++ [{"CONDUIT_RING_DIR", place.topics}, {"LC_ALL", "C.UTF-8"} | env]
+    env = [{"CARGO_TARGET_DIR", place[:crates]} | env]
+    command = if command =~ "/", do: Path.expand(command, place.rover), else: command
+    System.cmd(command, arguments, cd: place.rover, env: env, stderr_to_stdout: true)
+  end
+end
