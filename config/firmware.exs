@@ -62,8 +62,9 @@ config :mdns_lite,
 
 config :nerves_motd, extra_rows: {Ganglion.Console, :motd_rows, []}
 
-# Who watches over the robot, and by what. Each project names its robot.
+# The buses of the board, and who watches over the robot, and by what. Each project names its robot.
 config :ganglion,
+  i2c: Circuits.I2C,
   board: {BB.Firmware.Board.Nerves, []},
   network: {BB.Firmware.Network.VintageNet, []}
 

@@ -63,7 +63,7 @@ defmodule Ganglion.New.Source do
 
   defp physical(path) do
     if File.dir?(path),
-      do: File.cd!(path, &File.cwd!/0),
+      do: "pwd" |> System.cmd(["-P"], cd: path) |> elem(0) |> String.trim_trailing("\n"),
       else: Path.join(physical(Path.dirname(path)), Path.basename(path))
   end
 
