@@ -15,7 +15,18 @@ defmodule Ganglion.Demo do
 
   alias BB.Bus.Sim
   alias BB.Sensor.NativeProcess.Program
-  alias Ganglion.Demo.{LogTail, Observation, Options, Processor, RealBuses, Report, Signals, Wiring}
+
+  alias Ganglion.Demo.{
+    LogTail,
+    Observation,
+    Options,
+    Processor,
+    RealBuses,
+    Report,
+    Signals,
+    Wiring
+  }
+
   alias Ganglion.{Json, Robot}
 
   @imu_address 0x68
