@@ -175,6 +175,7 @@ defmodule Ganglion.Demo do
 
   defp view(demo) do
     %{
+      name: name(demo.options.robot),
       observation: demo.observation,
       health: Enum.sort_by(BB.Sensor.health(demo.options.robot), & &1.name),
       carried:
@@ -192,6 +193,8 @@ defmodule Ganglion.Demo do
       log: Enum.reverse(demo.log)
     }
   end
+
+  defp name(robot), do: to_string(robot.robot().settings[:name] || inspect(robot))
 
   defp now, do: System.monotonic_time(:nanosecond)
 

@@ -227,6 +227,13 @@ defmodule Ganglion.DemoTest do
           do: assert(text =~ option)
     end
 
+    test "shows a person a robot by its name, with its sensors, and a summary" do
+      assert {text, 0} = System.cmd(@demo, ~w(--seconds 2), stderr_to_stdout: true)
+      assert text =~ ~r/^ganglion, \d+ s /m
+      assert text =~ ~r/^imu +up /m
+      assert text =~ ~r/^summary after /m
+    end
+
     test "says in one sentence that a bus of the machine is not there, and what to do" do
       {text, status} =
         System.cmd(@demo, ~w(--real --bus i2c-of-nobody --seconds 1), stderr_to_stdout: true)
