@@ -38,6 +38,7 @@ defmodule Ganglion.Demo do
   Runs the demonstration with the arguments of the command line and ends the VM with its exit status. `robot:` is the robot that
   it shows where the arguments name none.
   """
+  @spec main([String.t()]) :: no_return()
   @spec main([String.t()], robot: module()) :: no_return()
   def main(argv, opts \\ []) do
     from = System.get_env("GANGLION_CALLER_DIR", File.cwd!())
