@@ -213,6 +213,12 @@ defmodule BB.Sensor.Conformance.Bench do
     end
   end
 
+  @doc "The same, and waits for the first: it comes a moment after its row shows the state."
+  @spec await_statuses(t(), String.t()) :: [BB.Message.Sensor.Status.t(), ...]
+  def await_statuses(bench, what) do
+    await(bench, what, fn -> with [] <- statuses(bench), do: nil end)
+  end
+
   @doc "Its messages since the last look."
   @spec messages(t()) :: [BB.Message.t()]
   def messages(%{robot: robot} = bench) do
@@ -227,6 +233,13 @@ defmodule BB.Sensor.Conformance.Bench do
   @spec alarms(t()) :: [term()]
   def alarms(%{robot: robot}),
     do: for({{BB.Sensor, ^robot, _path}, about} <- :alarm_handler.get_alarms(), do: about)
+
+  @doc "Waits until it has so many alarms, and returns them."
+  @spec await_alarms(t(), String.t(), non_neg_integer()) :: [term()]
+  def await_alarms(bench, what, count) do
+    _ = await(bench, what, fn -> length(alarms(bench)) == count end)
+    alarms(bench)
+  end
 
   @doc "Waits until it is up: its row."
   @spec await_up(t()) :: map()

@@ -71,8 +71,8 @@ defmodule BB.Sensor.Conformance.Checks do
     _ = if fault in bench.setting.wires.deceptive(), do: Bench.messages(bench)
     explained!(bench, row, fault)
     tried_again(bench, row)
-    one!(Bench.statuses(bench), "reports of #{fault}")
-    one!(Bench.alarms(bench), "alarms of #{fault}")
+    one!(Bench.await_statuses(bench, "reports #{fault}"), "reports of #{fault}")
+    one!(Bench.await_alarms(bench, "has one alarm of #{fault}", 1), "alarms of #{fault}")
     none!(Bench.messages(bench), "while there was #{fault} it published")
 
     mended_ns = Bench.mend(bench, fault)
@@ -84,14 +84,14 @@ defmodule BB.Sensor.Conformance.Checks do
       "its first message after #{fault} was measured before that was over: #{inspect(message)}"
     )
 
-    states = for status <- Bench.statuses(bench), do: status.state
+    states = for status <- Bench.await_statuses(bench, "reports that it is up"), do: status.state
 
     kept!(
       states == [:up],
       "after #{fault} it was expected to be up, once, and was: #{inspect(states)}"
     )
 
-    none!(Bench.alarms(bench), "after #{fault} it left an alarm")
+    none!(Bench.await_alarms(bench, "has no alarm after #{fault}", 0), "alarms")
   end
 
   # One that is down is tried again; what is silent is left alone.
