@@ -85,6 +85,25 @@ defmodule Ganglion.NewTest do
       end
     end
 
+    test "finds where Ganglion is, on however many lines mix.exs says that", %{tmp_dir: dir} do
+      long = "git:https://example.org/" <> String.duplicate("a/", 40) <> "ganglion.git"
+
+      for {from, option, found} <- [
+            {@here, "path", @here},
+            {"git:https://example.org/g.git", "git", "https://example.org/g.git"},
+            {long, "git", String.replace_prefix(long, "git:", "")},
+            {long <> "#v1", "ref", "v1"}
+          ] do
+        name = "rover#{System.unique_integer([:positive])}"
+        assert {:ok, _} = new(dir, [name, "--from", from])
+        asked = "source bin/environment; source_of #{option}"
+        project = Path.join(dir, name)
+        assert {said, 0} = System.cmd("bash", ["-c", asked], cd: project)
+        said = String.trim(said)
+        assert if(option == "path", do: Path.expand(said, project), else: said) == found
+      end
+    end
+
     test "takes from the repository's own robot what both share", %{tmp_dir: dir} do
       assert {:ok, _} = new(dir, ["rover"])
 
