@@ -8,12 +8,10 @@ defmodule NewTest do
 
   import BB.Test.Eventually
 
-  alias BB.Test.{Native, Run}
+  alias BB.Test.{Native, Project, Run}
 
   @moduletag :new
   @moduletag timeout: 1_800_000
-
-  @repository File.cwd!()
 
   setup do
     folder = Path.join(System.tmp_dir!(), Run.unique("new"))
@@ -25,7 +23,7 @@ defmodule NewTest do
 
   # The crates that this checkout has built are those of the project: the same sources at the same place.
   test "a robot by path runs at once, passes its tests, and runs as a release", place do
-    place = Map.put(place, :crates, Path.join(@repository, "_build/cargo"))
+    place = Map.put(place, :how, :path)
     new(place, [])
 
     assert_demo(place)
@@ -38,8 +36,8 @@ defmodule NewTest do
 
   test "a robot by git runs at once and passes its tests", place do
     origin = Path.join(place.folder, "origin")
-    publish(origin)
-    new(place, ["--from", "git:file://" <> origin])
+    place = Map.put(place, :how, :git)
+    new(place, ["--from", "git:" <> Project.clone!(origin)])
 
     assert_demo(place)
     run!(place, "bin/test")
@@ -101,38 +99,15 @@ defmodule NewTest do
          else: (_not_yet -> nil)
   end
 
-  # A repository with the files of this checkout as they are, committed or not.
-  defp publish(origin) do
-    {files, 0} = System.cmd("git", ~w(ls-files -z --cached --others --exclude-standard))
-
-    for file <- String.split(files, <<0>>, trim: true), File.regular?(file) do
-      copy = Path.join(origin, file)
-      File.mkdir_p!(Path.dirname(copy))
-      File.cp!(file, copy)
-    end
-
-    git = ~w(-c user.name=test -c user.email=test@localhost -c init.defaultBranch=main)
-
-    for step <- [~w(init -q), ~w(add -A), ~w(commit -q -m all)] do
-      assert {_, 0} = System.cmd("git", git ++ step, cd: origin, stderr_to_stdout: true)
-    end
-  end
-
   defp run!(place, command, arguments \\ [], env \\ []) do
     {said, status} = run(place, command, arguments, env)
     assert status == 0, "#{command} #{Enum.join(arguments, " ")} ended with #{status}:\n#{said}"
     said
   end
 
-  # In the environment of a person, not in that of a test.
   defp run(place, command, arguments, env) do
-    nobody =
-      for name <- ~w(MIX_ENV MIX_TARGET MIX_EXS MIX_BUILD_PATH MIX_DEPS_PATH GANGLION_CALLER_DIR),
-          do: {name, nil}
-
-    env = nobody ++ [{"CONDUIT_RING_DIR", place.topics}, {"LC_ALL", "C.UTF-8"} | env]
-    env = [{"CARGO_TARGET_DIR", place[:crates]} | env]
     command = if command =~ "/", do: Path.expand(command, place.rover), else: command
-    System.cmd(command, arguments, cd: place.rover, env: env, stderr_to_stdout: true)
+    env = [{"CONDUIT_RING_DIR", place.topics} | env]
+    place.rover |> Project.in_folder(place.how) |> Project.run(command, arguments, env)
   end
 end

@@ -103,15 +103,12 @@ defmodule BB.Test.Project do
     end
   end
 
-  # What Mix exports to its children is of this test's own build.
+  # That of a person: what Mix and bin/test export to their children is of this test's own build.
+  @exported ~w(MIX_ENV MIX_TARGET MIX_EXS MIX_BUILD_PATH MIX_DEPS_PATH GANGLION_CALLER_DIR)
+
   defp environment(project) do
-    [
-      {"MIX_ENV", nil},
-      {"MIX_BUILD_PATH", nil},
-      {"MIX_TARGET", nil},
-      {"CARGO_TARGET_DIR", project.cargo},
-      {"LC_ALL", "C.UTF-8"}
-    ]
+    for(name <- @exported, do: {name, nil}) ++
+      [{"CARGO_TARGET_DIR", project.cargo}, {"LC_ALL", "C.UTF-8"}]
   end
 
   @doc """
