@@ -14,6 +14,8 @@ defmodule Ganglion.MixProject do
       aliases: ["compile.cargo": [&load_compiler/1, "compile.cargo"]],
       elixirc_paths: elixirc_paths(Mix.env()),
       start_permanent: Mix.env() == :prod,
+      # `mix ganglion.new` loads it; what runs has no use for it.
+      xref: [exclude: [EEx]],
       deps: deps(Mix.target())
     ] ++ for_target(Mix.target())
   end
@@ -22,7 +24,7 @@ defmodule Ganglion.MixProject do
     [
       mod: {Ganglion.Application, []},
       # SASL has the handler of alarms. What else an image needs stands with its release.
-      extra_applications: [:eex, :logger, :sasl] ++ test_applications(Mix.env())
+      extra_applications: [:logger, :sasl] ++ test_applications(Mix.env())
     ]
   end
 

@@ -32,11 +32,19 @@ defmodule Mix.Tasks.Ganglion.New do
 
   @impl Mix.Task
   def run(argv) do
+    _ = load_eex()
+
     case Ganglion.New.run(argv, from: File.cwd!(), checkout: checkout()) do
       {:ok, report} -> Mix.shell().info(report)
       :help -> Mix.Task.run("help", ["ganglion.new"])
       {:error, sentence} -> Mix.raise(sentence)
     end
+  end
+
+  # Since 1.15 Mix takes away what the project does not depend on.
+  defp load_eex do
+    if function_exported?(Mix, :ensure_application!, 1),
+      do: apply(Mix, :ensure_application!, [:eex])
   end
 
   # The project at hand, or the one that it depends on.
