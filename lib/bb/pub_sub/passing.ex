@@ -16,7 +16,7 @@ defmodule BB.PubSub.Passing do
   The publishers themselves do it, without a process: each new path takes the next place of a
   ring, and whoever takes a place forgets the path that stood there. Rows of the table `passing`:
 
-    * `{{path, 0}, place}` and `{place, path}` - the ring, from either side
+    * `{{path, 0}, ring}` and `{place, path}` - the rings, from either side
     * `{{:turn, ring}, count}` - how many places were taken so far; `{:said}` when a loss was
       logged
     * `{{path, type}, meter}` - see `BB.PubSub.Traffic`
@@ -59,11 +59,16 @@ defmodule BB.PubSub.Passing do
     if member?(bus, path), do: :ok, else: take_turn(bus, path)
   end
 
+  # One publisher wins the path, and it alone takes a place: no place is taken for nothing.
   defp take_turn(bus, path) do
     ring = if Bus.retained?(bus, path), do: @kept, else: @plain
-    turn = :ets.update_counter(bus.passing, {:turn, ring}, 1, {{:turn, ring}, 0})
-    place = {ring, rem(turn, @most_passing)}
-    if :ets.insert_new(bus.passing, {{path, 0}, place}), do: occupy(bus, place, path), else: :ok
+
+    if :ets.insert_new(bus.passing, {{path, 0}, ring}) do
+      turn = :ets.update_counter(bus.passing, {:turn, ring}, 1, {{:turn, ring}, 0})
+      occupy(bus, {ring, rem(turn, @most_passing)}, path)
+    else
+      :ok
+    end
   end
 
   defp occupy(bus, place, path) do
