@@ -156,16 +156,16 @@ defmodule BB.Sensor.HcSr04 do
   end
 
   @impl Polled
-  def publish(range, %{device: %{limits: {least, most}}} = sensor) do
-    message =
-      Message.new!(Range, sensor.frame_id,
-        radiation_type: :ultrasound,
-        field_of_view: @field_of_view,
-        min_range: least,
-        max_range: most,
-        range: range
-      )
+  def publish({range, time_ns}, %{device: %{limits: {least, most}}} = sensor) do
+    payload = [
+      radiation_type: :ultrasound,
+      field_of_view: @field_of_view,
+      min_range: least,
+      max_range: most,
+      range: range
+    ]
 
+    message = Message.new!(Range, sensor.frame_id, payload, monotonic_time: time_ns)
     BB.Sensor.publish(sensor.bb, message)
   end
 
@@ -173,7 +173,7 @@ defmodule BB.Sensor.HcSr04 do
   def handle_info({:circuits_gpio, spec, time_ns, level}, %{device: %{echo: %{spec: spec}}} = s) do
     {range, sonar} = edge(s.device, level, time_ns)
     sensor = %{s | device: sonar}
-    if range, do: publish(range, sensor)
+    if range, do: publish({range, time_ns}, sensor)
     {:noreply, sensor}
   end
 

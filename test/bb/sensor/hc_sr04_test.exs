@@ -66,6 +66,21 @@ defmodule BB.Sensor.HcSr04Test do
       assert_in_delta range.field_of_view, 0.2618, 0.0001
     end
 
+    # A minute passes in a moment: only the edges know of it.
+    @tag device: [distance: 1.0]
+    test "has the time at which its echo ended", bench do
+      pid = sonar!(bench)
+      pass(bench, 60, pid)
+      started_ns = System.monotonic_time(:nanosecond)
+      [_ | _] = times = for _ <- 1..500, do: next_time()
+      assert List.last(times) > started_ns + 30_000_000_000
+    end
+
+    defp next_time do
+      assert_receive {:bb, [:sensor | _], %{monotonic_time: time, payload: %Range{}}}
+      time
+    end
+
     @tag device: [distance: 1.0, speed_of_sound: 331.0]
     test "goes by the speed of sound that it is told", bench do
       pid = sonar!(bench, speed_of_sound: 331)

@@ -110,7 +110,7 @@ defmodule BB.Sensor.Conformance.Bench do
 
         sensors do
           sensor(unquote(@subject), {unquote(driver), unquote(quoted(options))},
-            max_silence: unquote(Macro.escape(BB.Unit.new!(3, :second)))
+            max_silence: unquote(Macro.escape(max_silence(setting)))
           )
         end
       end
@@ -119,6 +119,10 @@ defmodule BB.Sensor.Conformance.Bench do
     {:module, ^robot, _, _} = Module.create(robot, code, file: "bench.ex", line: 1)
     :ok
   end
+
+  # Long enough that a busy machine does not look like a silent driver, and short enough that a
+  # silent driver is found in time.
+  defp max_silence(setting), do: BB.Unit.new!(div(setting.patience_ms, 3), :millisecond)
 
   defp declared(%{options: options}, place) when is_function(options, 1), do: options.(place)
   defp declared(setting, place), do: Keyword.merge(setting.wires.options(place), setting.options)
@@ -142,14 +146,23 @@ defmodule BB.Sensor.Conformance.Bench do
 
   # What can be done
 
-  @doc "Begins a fault while no reading is under way: what was published before is forgotten."
-  @spec break(t(), atom()) :: :ok
-  def break(bench, fault) do
+  @doc """
+  Begins a fault while no callback of the driver runs, and drops the messages published before.
+
+  Returns the nanoseconds between the newest of those messages and the fault. A driver that waits
+  for an edge may have the edge of such a time in its mailbox: a message measured then is a new
+  reading from before the fault.
+  """
+  @spec break(t(), atom(), BB.Message.t()) :: Range.t()
+  def break(bench, fault, last_message) do
     pid = pid!(bench)
     :ok = :sys.suspend(pid)
     :ok = bench.setting.wires.break(bench.place, fault)
+    broken_ns = System.monotonic_time(:nanosecond)
+    times = for message <- [last_message | messages(bench)], do: message.monotonic_time
     forget(bench.robot)
     :sys.resume(pid)
+    (Enum.max(times) + 1)..broken_ns//1
   end
 
   @doc "Ends a fault: the time at which it did."
