@@ -47,7 +47,7 @@ defmodule BB.SafetyTest do
 
   defp start_with_brakes(robot \\ with_brakes()) do
     start_supervised!(robot)
-    assert eventually(fn -> Enum.all?(BB.Sensor.health(robot), &(&1.state == :up)) end)
+    assert BB.Test.Robot.await_all_up(robot)
     robot
   end
 

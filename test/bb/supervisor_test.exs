@@ -115,7 +115,7 @@ defmodule BB.SupervisorTest do
         end
 
       start_supervised!(robot)
-      assert eventually(fn -> Enum.all?(BB.Sensor.health(robot), &(&1.state == :up)) end)
+      assert BB.Test.Robot.await_all_up(robot)
 
       for {part, carried} <- [{{:link, :hand}, [:touch]}, {{:joint, :left}, [:encoder, :touch]}] do
         before = pids(robot)
@@ -204,7 +204,7 @@ defmodule BB.SupervisorTest do
         )
 
       start_supervised!(robot)
-      assert eventually(fn -> Enum.all?(BB.Sensor.health(robot), &(&1.state == :up)) end)
+      assert BB.Test.Robot.await_all_up(robot)
       {:ok, _} = BB.subscribe(robot, [:sensor, :first])
       {:ok, _} = BB.subscribe(robot, [:sensor, :base, :second])
       supervisors = supervisors(robot)
@@ -230,7 +230,7 @@ defmodule BB.SupervisorTest do
       count_on(:second, second, 10)
       assert {pid(robot, :first), pid(robot, :second)} == siblings
       assert supervisors(robot) == supervisors
-      assert eventually(fn -> Enum.all?(BB.Sensor.health(robot), &(&1.state == :up)) end)
+      assert BB.Test.Robot.await_all_up(robot)
 
       for row <- BB.Sensor.health(robot), row.name in names, do: assert(row.restarts == 5)
     end
@@ -275,7 +275,7 @@ defmodule BB.SupervisorTest do
       end
 
       start_supervised!(robot)
-      assert eventually(fn -> Enum.all?(BB.Sensor.health(robot), &(&1.state == :up)) end)
+      assert BB.Test.Robot.await_all_up(robot)
       stop_supervised!(robot)
 
       assert {:messages,

@@ -53,6 +53,35 @@ defmodule BB.Test.Robot do
     pid
   end
 
+  @doc """
+  Waits until every sensor, actuator and controller of a robot is up, in the tree that stands now:
+  a killed topology leaves components behind for a moment, which still have rows and handlers.
+  """
+  def await_all_up(robot) do
+    BB.Test.Eventually.eventually(fn ->
+      rows = rows(robot)
+      rows != [] and Enum.all?(rows, &(&1.state == :up and in_topology?(robot, &1.pid)))
+    end)
+  end
+
+  defp rows(robot) do
+    BB.Sensor.health(robot) ++ BB.Actuator.health(robot) ++ BB.Controller.health(robot)
+  rescue
+    ArgumentError -> []
+  end
+
+  defp in_topology?(robot, pid) do
+    root = Process.whereis(robot)
+    {:dictionary, dictionary} = Process.info(pid, :dictionary)
+    {_id, topology, _, _} = root |> Supervisor.which_children() |> List.keyfind(:topology, 0)
+    topology in dictionary[:"$ancestors"]
+  rescue
+    # It has just ended.
+    _error -> false
+  catch
+    :exit, _reason -> false
+  end
+
   @doc "How the sensor of that name fares."
   def health(robot, name), do: robot |> BB.Sensor.health() |> Enum.find(&(&1.name == name))
 end

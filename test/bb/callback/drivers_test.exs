@@ -41,7 +41,7 @@ defmodule BB.Callback.DriversTest do
   end
 
   defp up?(callback),
-    do: callback in [:handle_info, :handle_cast, :handle_call, :handle_options | @late]
+    do: callback in [:rate, :handle_info, :handle_cast, :handle_call, :handle_options | @late]
 
   # What health says of the component itself.
 

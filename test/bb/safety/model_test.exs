@@ -426,10 +426,7 @@ defmodule BB.Safety.ModelTest do
   end
 
   defp await_up(robot) do
-    assert eventually(
-             fn -> Enum.all?(BB.Sensor.health(robot), &(&1.state == :up)) end,
-             @patience_ms
-           )
+    assert BB.Test.Robot.await_all_up(robot)
   end
 
   # All processes below have ended when this returns.

@@ -39,7 +39,7 @@ defmodule BB.Safety.WardenTest do
 
     assert_receive {:started, root}
     on_exit(fn -> stop(root) end)
-    assert eventually(fn -> Enum.all?(BB.Sensor.health(robot), &(&1.state == :up)) end)
+    assert await_all_up(robot)
     {robot, root}
   end
 
@@ -575,15 +575,7 @@ defmodule BB.Safety.WardenTest do
   defp assert_disarmed_state(robot),
     do: assert(eventually(fn -> Safety.state(robot) == :disarmed end))
 
-  defp assert_up_again(robot) do
-    assert eventually(fn -> Enum.all?(states(robot), &(&1 == :up)) end)
-  end
-
-  defp states(robot) do
-    for row <- BB.Sensor.health(robot) ++ BB.Actuator.health(robot), do: row.state
-  rescue
-    ArgumentError -> [:none]
-  end
+  defp assert_up_again(robot), do: assert(await_all_up(robot))
 
   defp assert_forgotten(robot) do
     assert eventually(fn -> Safety.epoch(robot) == {:error, :not_registered} end)

@@ -49,7 +49,7 @@ defmodule BB.Sensor.MimicTest do
 
   defp start(robot) do
     start_supervised!(robot)
-    assert eventually(fn -> Enum.all?(BB.Sensor.health(robot), &(&1.state == :up)) end)
+    assert BB.Test.Robot.await_all_up(robot)
     {:ok, _} = BB.subscribe(robot, [:sensor, :base, :right])
     robot
   end
