@@ -95,6 +95,7 @@ defmodule BB.PubSub.Registrar do
     Process.flag(:trap_exit, true)
     {BB.PubSub, routes, _bus} = :persistent_term.get(bus.robot)
     state = %__MODULE__{bus: bus, routes: routes, sources: Map.new(Traffic.lasting(bus))}
+    outdate_all(state.sources)
     {:ok, bus |> Pages.all() |> Enum.reduce(state, &note(&2, &1)) |> later([])}
   end
 
@@ -251,6 +252,10 @@ defmodule BB.PubSub.Registrar do
   end
 
   # Routes
+
+  # The VM may make the routes of a killed predecessor known after its end, when these here have
+  # been read: a `:persistent_term.put/2` takes effect although its process was killed in it.
+  defp outdate_all(sources), do: for({_source, meter} <- sources, do: Traffic.outdate(meter))
 
   # Once is enough until there are new routes.
   defp outdate(%{outdated: outdated} = state, path) when is_map_key(outdated, path), do: state

@@ -436,6 +436,52 @@ defmodule BB.PubSub.RetentionTest do
       eventually(fn -> PubSub.stats(robot) == [] end, 60_000)
     end
 
+    # The VM may make routes known after the end of the process that was killed while it did so.
+    test "are right when the bus's process is killed while it makes routes known", context do
+      %{robot: robot} = context
+      busy = for _ <- 1..2, do: spawn_link(fn -> compute() end)
+
+      start =
+        {Supervisor, :start_link,
+         [[{PubSub, sibling(robot)}], [strategy: :one_for_one, max_restarts: 100_000]]}
+
+      start_supervised!(%{id: :sibling, start: start, type: :supervisor})
+      robot = sibling(robot)
+      publish(robot, [:a, :b], [1])
+
+      killed =
+        for n <- 1..300 do
+          {:ok, _} = PubSub.subscribe(robot, [:a, :"gone_#{n}"])
+          killed? = kill_suspended(PubSub.registry_name(robot), 20_000)
+          actor = Actor.start()
+          subscribe(actor, robot, [:a, :b], [])
+          publish(robot, [:a, :b], [2])
+          assert {n, numbers(actor)} == {n, [{[:a, :b], 2}]}
+          Actor.stop(actor)
+          killed?
+        end
+
+      assert Enum.any?(killed)
+      for pid <- busy, do: Process.unlink(pid) && Process.exit(pid, :kill)
+    end
+
+    defp sibling(robot), do: Module.concat(robot, Sibling)
+
+    defp compute do
+      Enum.sum(1..1_000)
+      compute()
+    end
+
+    defp kill_suspended(_name, 0), do: false
+
+    defp kill_suspended(name, looks) do
+      pid = Process.whereis(name)
+
+      if pid && Process.info(pid, :status) == {:status, :suspended},
+        do: Process.exit(pid, :kill),
+        else: kill_suspended(name, looks - 1)
+    end
+
     defp come_and_go(actor, robot, n, opts) do
       subscribe(actor, robot, [:a, :b], opts)
       subscribe(actor, robot, [:a], [])
