@@ -64,6 +64,15 @@ defmodule BB.Sensor.EmergencyStopTest do
     assert_receive {:bb, _, %{payload: %BB.Message.Sensor.Contact{pressed: ^pressed?}}}
   end
 
+  # Readings from before, which are in the mailbox once the robot is disarmed by a later one.
+  defp forget_contacts do
+    receive do
+      {:bb, _, %{payload: %BB.Message.Sensor.Contact{}}} -> forget_contacts()
+    after
+      0 -> :ok
+    end
+  end
+
   test "a robot whose stop is not pressed can be armed", context do
     assert Safety.arm(start!(context)) == :ok
   end
@@ -101,6 +110,7 @@ defmodule BB.Sensor.EmergencyStopTest do
     robot = armed!(context)
     :ok = Lines.tell(context.chip, :button, :press)
     assert_disarmed(robot)
+    forget_contacts()
     :ok = Lines.tell(context.chip, :button, :release)
     assert_contact(false)
     assert Safety.state(robot) == :disarmed
