@@ -15,7 +15,7 @@ defmodule Ganglion.MixProject do
       elixirc_paths: elixirc_paths(Mix.env()),
       start_permanent: Mix.env() == :prod,
       # `mix ganglion.new` loads it; what runs has no use for it.
-      xref: [exclude: [EEx]],
+      elixirc_options: [no_warn_undefined: [EEx]],
       deps: deps(Mix.target())
     ] ++ for_target(Mix.target())
   end

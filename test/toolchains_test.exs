@@ -61,6 +61,25 @@ defmodule ToolchainsTest do
     end
   end
 
+  describe "Elixir 1.20" do
+    test "finds no attribute to which it gives a meaning of its own" do
+      found = for file <- @sources, line <- lines(file, ~r/^\s*@nifs\s/), do: line
+      assert found == [], "name the attribute by another word: @nifs declares a module's NIFs"
+    end
+
+    test "finds no option of a project that it deprecates" do
+      projects = ["mix.exs" | Path.wildcard("lib/mix/tasks/**/mix.exs*")]
+      found = for file <- projects, line <- lines(file, ~r/^\s*xref:/), do: line
+      assert found == [], "write elixirc_options: [no_warn_undefined: [Module]]"
+    end
+
+    defp lines(file, regex) do
+      for {text, line} <- file |> File.read!() |> String.split("\n") |> Enum.with_index(1),
+          text =~ regex,
+          do: "#{file}:#{line}: #{String.trim(text)}"
+    end
+  end
+
   # GCC takes C23 for granted from 15 on, and the AprilTag library is older C.
   describe "a C compiler whose default is C23" do
     @describetag :tmp_dir

@@ -194,9 +194,9 @@ defmodule Mix.Tasks.Compile.CargoTest do
 
   describe "the compiler" do
     @describetag :tmp_dir
-    @nifs ~w(conduit_ring_nif linux_bus_nif)
+    @nif_crates ~w(conduit_ring_nif linux_bus_nif)
     @programs ~w(camera ganglion process_guard vision_tags)
-    @built Enum.map(@nifs, &"lib#{&1}.so") ++ @programs
+    @built Enum.map(@nif_crates, &"lib#{&1}.so") ++ @programs
 
     # In the place of cargo: writes down how it was called, and "builds".
     @cargo """
@@ -246,7 +246,8 @@ defmodule Mix.Tasks.Compile.CargoTest do
       assert {_, 0} = mix("compile.cargo", context, env)
       priv = Path.join([context.build, "lib", "ganglion", "priv"])
 
-      for file <- Enum.map(@nifs, &(&1 <> ".so")) ++ Enum.map(@programs, &Path.join("bin", &1)),
+      for file <-
+            Enum.map(@nif_crates, &(&1 <> ".so")) ++ Enum.map(@programs, &Path.join("bin", &1)),
           do: assert(File.read!(Path.join(priv, file)) == "aarch64-unknown-linux-gnu\n")
 
       [called | environment] = context.log |> File.read!() |> String.split("\n", trim: true)
