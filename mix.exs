@@ -14,8 +14,6 @@ defmodule Ganglion.MixProject do
       aliases: ["compile.cargo": [&load_compiler/1, "compile.cargo"]],
       elixirc_paths: elixirc_paths(Mix.env()),
       start_permanent: Mix.env() == :prod,
-      # `mix ganglion.new` loads it; what runs has no use for it.
-      elixirc_options: [no_warn_undefined: [EEx]],
       deps: deps(Mix.target())
     ] ++ for_target(Mix.target())
   end

@@ -105,7 +105,9 @@ defmodule Ganglion.New.Templates do
   end
 
   defp render(path, template, assigns) do
-    text = template |> join_tags() |> EEx.eval_string(assigns: [{:file, path} | assigns])
+    # Mix has loaded it. Called by its name it would be a dependency of what runs.
+    eex = EEx
+    text = template |> join_tags() |> eex.eval_string(assigns: [{:file, path} | assigns])
     if Path.extname(path) in [".ex", ".exs"], do: format(text), else: text
   end
 
