@@ -247,10 +247,8 @@ defmodule BB.Test.DocBlocks do
   end
 
   defp wrong_code(%{language: "elixir", words: ["config"]} = block, _folder) do
-    _ = Config.Reader.eval!(block.document, "import Config\n" <> block.code)
-    unknown_modules(block.code)
-  rescue
-    error -> [Exception.message(error)]
+    {found, diagnostics} = with_diagnostics(fn -> wrong_config(block) end)
+    for(%{severity: :error, message: message} <- diagnostics, do: message) ++ found
   end
 
   defp wrong_code(%{language: "elixir"} = block, _folder) do
@@ -268,6 +266,20 @@ defmodule BB.Test.DocBlocks do
   end
 
   defp wrong_code(_block, _folder), do: []
+
+  defp wrong_config(block) do
+    _ = Config.Reader.eval!(block.document, "import Config\n" <> block.code)
+    unknown_modules(block.code)
+  rescue
+    error -> [Exception.message(error)]
+  end
+
+  # From Elixir 1.15 on an error of the compiler has no more to say than that it has said why.
+  defp with_diagnostics(fun) do
+    if function_exported?(Code, :with_diagnostics, 1),
+      do: apply(Code, :with_diagnostics, [fun]),
+      else: {fun.(), []}
+  end
 
   defp unknown_modules(code) do
     {_ast, modules} =

@@ -120,7 +120,9 @@ defmodule Ganglion.New.Templates do
     )
   end
 
-  # A long name changes where lines break.
-  defp format(text),
+  # A long name changes where lines break. The formatter of Elixir 1.20 breaks some in a second pass.
+  defp format(text), do: text |> format_once() |> format_once()
+
+  defp format_once(text),
     do: IO.iodata_to_binary([Code.format_string!(text, locals_without_parens: @words), "\n"])
 end

@@ -308,8 +308,14 @@ defmodule Mix.Tasks.Compile.CargoTest do
       defmodule Rover.MixProject do
         use Mix.Project
 
+        # Ganglion is on the code path, and no dependency: Mix prunes that from 1.15 on.
         def project do
-          [app: :rover, version: "0.1.0", compilers: Mix.compilers() ++ [:cargo]] ++ #{cargo}
+          [
+            app: :rover,
+            version: "0.1.0",
+            compilers: Mix.compilers() ++ [:cargo],
+            prune_code_paths: false
+          ] ++ #{cargo}
         end
       end
       """)
