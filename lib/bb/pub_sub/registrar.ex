@@ -255,7 +255,8 @@ defmodule BB.PubSub.Registrar do
 
   # The VM may make the routes of a killed predecessor known after its end, when these here have
   # been read: a `:persistent_term.put/2` takes effect although its process was killed in it.
-  defp outdate_all(sources), do: for({_source, meter} <- sources, do: Traffic.outdate(meter))
+  defp outdate_all(sources),
+    do: Enum.each(sources, fn {_source, meter} -> Traffic.outdate(meter) end)
 
   # Once is enough until there are new routes.
   defp outdate(%{outdated: outdated} = state, path) when is_map_key(outdated, path), do: state
