@@ -127,6 +127,8 @@ defmodule ArchitectureTest do
     {~w(BB.Supervisor.*), "calls the supervisors that the robot's settings name"},
     {~w(BB.Dsl.*), "calls while a robot is compiled, which is all that it can hurt"},
 
+    {~w(Ganglion.New.Templates), "calls EEx, while a project is written"},
+
     # For tests and demonstrations.
     {~w(BB.Sensor.Conformance.* Ganglion.Demo.*), "starts a robot of its own"},
     {~w(Mix.Tasks.*), "prints by Mix's own shell, whichever that is"}

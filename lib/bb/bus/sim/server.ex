@@ -37,7 +37,9 @@ defmodule BB.Bus.Sim.Server do
   def call(name, order) when is_binary(name) do
     GenServer.call(Directory.via(@registry, name), order, :infinity)
   catch
-    :exit, {:noproc, _} -> {:error, :bus_not_found}
+    # A bus that ends while it is asked is gone too.
+    :exit, {reason, _} when reason in [:noproc, :normal, :shutdown, :killed] ->
+      {:error, :bus_not_found}
   end
 
   @doc "Performs a transfer. A bus that was taken away since it was opened is the kernel's ENODEV."
