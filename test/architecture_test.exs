@@ -126,7 +126,6 @@ defmodule ArchitectureTest do
      "calls the registry that the robot's settings name"},
     {~w(BB.Supervisor.*), "calls the supervisors that the robot's settings name"},
     {~w(BB.Dsl.*), "calls while a robot is compiled, which is all that it can hurt"},
-
     {~w(Ganglion.New.Templates), "calls EEx, while a project is written"},
 
     # For tests and demonstrations.
