@@ -52,7 +52,8 @@ defmodule BB.Sensor.Conformance do
     * `:event` - for a driver that publishes when something happens, and so declares no rate: `fun.(place, n)` makes it happen for the `n`th time, one
       message each
     * `:wires` - a `BB.Sensor.Conformance.Wires` of your own, for what hangs neither on I2C nor on lines; `:device` is then what that takes
-    * `:patience_ms` - how long to wait for what must come; default 30 s. The driver counts as silent after a third of it
+    * `:patience_ms` - how long to wait for what must come; default 30 s. The
+      driver counts as silent after a third of it
 
   Faults on I2C: `:unplug`, `:nak` (the chip does not acknowledge), `:timeout` (it holds the bus each time), `:stuck` (a wire of the bus is held low).
   On GPIO: `:unplug`, and of each of its lines `:cut`, `:short` (to ground) and `:storm` (noise of 1777 edges a second).

@@ -120,7 +120,7 @@ defmodule Ganglion.New.Templates do
     )
   end
 
-  # A long name changes where lines break. The formatter of Elixir 1.20 breaks some in a second pass.
+  # A long name changes where lines break. Elixir 1.20 breaks some of them in a second pass.
   defp format(text), do: text |> format_once() |> format_once()
 
   defp format_once(text),

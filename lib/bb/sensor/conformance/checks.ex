@@ -48,16 +48,17 @@ defmodule BB.Sensor.Conformance.Checks do
       for fault <- setting.faults do
         _ = Bench.await_up(bench)
         message = Bench.await_message(bench)
-        if fault in setting.unseen, do: survive(bench, fault), else: report(bench, fault, message)
+        check = if fault in setting.unseen, do: &survive/3, else: &report/3
+        check.(bench, fault, message)
       end
 
       :ok
     end)
   end
 
-  defp survive(bench, fault) do
+  defp survive(bench, fault, message) do
     pid = Bench.pid!(bench)
-    _ = Bench.break(bench, fault, Bench.await_message(bench))
+    _ = Bench.break(bench, fault, message)
     _ = Bench.mend(bench, fault)
     _ = Bench.messages(bench)
     _ = Bench.await_message(bench)
