@@ -55,7 +55,7 @@ defmodule BB.Parameter do
   """
 
   alias BB.Options.ValidationError
-  alias BB.Parameter.{Definition, Owner, Reference, Table}
+  alias BB.Parameter.{Definition, Owner, Reference, Values}
 
   @typedoc "The names of the groups around a parameter, and its own: `[:imu, :rate]`."
   @type path :: [atom(), ...]
@@ -74,13 +74,13 @@ defmodule BB.Parameter do
   @doc "A parameter's value."
   @spec get(module(), path()) :: {:ok, term()} | {:error, :not_found}
   def get(robot, path) do
-    with :error <- Table.fetch(robot, path), do: {:error, :not_found}
+    with :error <- Values.fetch(robot, path), do: {:error, :not_found}
   end
 
   @doc "A parameter's value itself. Raises `ArgumentError` when there is no such parameter."
   @spec get!(module(), path()) :: term()
   def get!(robot, path) do
-    case Table.fetch(robot, path) do
+    case Values.fetch(robot, path) do
       {:ok, value} -> value
       :error -> raise ArgumentError, "#{inspect(robot)} has no parameter #{inspect(path)}"
     end
@@ -125,7 +125,7 @@ defmodule BB.Parameter do
   def list(robot, opts \\ []) do
     prefix = opts |> Keyword.validate!(prefix: []) |> Keyword.fetch!(:prefix)
 
-    for %{path: path} = definition <- Table.definitions(robot),
+    for %{path: path} = definition <- Values.definitions(robot),
         List.starts_with?(path, prefix),
         do: {path, Definition.describe(definition, get!(robot, path))}
   end
@@ -156,7 +156,7 @@ defmodule BB.Parameter do
   @spec watch(module(), [path()]) ::
           {:ok, reference(), %{path() => term()}} | {:error, {:unregistered_parameter, path()}}
   def watch(robot, paths) do
-    ref = Process.monitor(Table.name(robot))
+    ref = Process.monitor(Values.name(robot))
 
     case Owner.call(robot, {:watch, ref, self(), paths}) do
       {:ok, values} ->

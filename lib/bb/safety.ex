@@ -65,7 +65,7 @@ defmodule BB.Safety do
   """
 
   alias BB.{Message, Path, PubSub}
-  alias BB.Safety.{HardwareError, Record, Round, Table, Warden}
+  alias BB.Safety.{HardwareError, Record, Records, Round, Warden}
 
   @type state :: Record.state()
   @type disarm_error :: Round.error()
@@ -85,7 +85,7 @@ defmodule BB.Safety do
       false
   """
   @spec armed?(module()) :: boolean()
-  def armed?(robot), do: Table.state(robot) == :armed
+  def armed?(robot), do: Records.state(robot) == :armed
 
   @doc """
   The robot's state. `:disarmed` for one that is not known.
@@ -94,7 +94,7 @@ defmodule BB.Safety do
       :disarmed
   """
   @spec state(module()) :: state()
-  def state(robot), do: Table.state(robot)
+  def state(robot), do: Records.state(robot)
 
   @doc """
   The number of the robot's latest arming, 0 before the first: `{:ok, epoch}`, or `{:error,
@@ -105,7 +105,7 @@ defmodule BB.Safety do
   """
   @spec epoch(module()) :: {:ok, non_neg_integer()} | {:error, :not_registered}
   def epoch(robot) do
-    with :error <- Table.epoch(robot), do: {:error, :not_registered}
+    with :error <- Records.epoch(robot), do: {:error, :not_registered}
   end
 
   @doc """
@@ -177,13 +177,14 @@ defmodule BB.Safety do
     path = Path.validate!(options[:path])
     handler!(module)
     known!(robot)
-    Table.register(robot, path, self(), module, options[:opts])
+    Records.register(robot, path, self(), module, options[:opts])
 
     # Its robot may have ended meanwhile.
     known!(robot)
   end
 
-  defp known!(robot), do: if(Table.known?(robot), do: :ok, else: Warden.watch(robot, :component))
+  defp known!(robot),
+    do: if(Records.known?(robot), do: :ok, else: Warden.watch(robot, :component))
 
   @doc """
   Forbids arming, for as long as `allow/2` is not called for the same path, whatever dies
@@ -199,14 +200,14 @@ defmodule BB.Safety do
   """
   @spec inhibit(module(), Path.t(), reason :: term()) :: :ok
   def inhibit(robot, path, reason) do
-    Table.inhibit(robot!(robot), Path.validate!(path), reason)
+    Records.inhibit(robot!(robot), Path.validate!(path), reason)
     :ok
   end
 
   @doc "Takes back what `inhibit/3` forbade for this path. `:ok` also when there was nothing."
   @spec allow(module(), Path.t()) :: :ok
   def allow(robot, path) do
-    Table.allow(robot!(robot), Path.validate!(path))
+    Records.allow(robot!(robot), Path.validate!(path))
     :ok
   end
 
@@ -233,7 +234,7 @@ defmodule BB.Safety do
 
   @doc "What forbids arming: `[{path, reason}]`."
   @spec inhibitions(module()) :: [{Path.t(), reason :: term()}]
-  def inhibitions(robot), do: Table.inhibitions(robot!(robot))
+  def inhibitions(robot), do: Records.inhibitions(robot!(robot))
 
   @doc """
   Publishes that hardware is at fault, as `BB.Safety.HardwareError` on `[:safety, :error]`. What

@@ -8,12 +8,12 @@ defmodule BB.Firmware.Robots do
   """
 
   alias BB.Safety
-  alias BB.Safety.Table
+  alias BB.Safety.Records
 
   @doc "All robots that safety knows."
   @spec known() :: [module()]
   def known do
-    if Table.running?(), do: Enum.map(Table.records(), & &1.robot), else: []
+    if Records.running?(), do: Enum.map(Records.records(), & &1.robot), else: []
   rescue
     # The tables have just gone.
     ArgumentError -> []

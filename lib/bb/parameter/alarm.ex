@@ -9,14 +9,14 @@ defmodule BB.Parameter.Alarm do
   robot's table, for the process after one that was killed.
   """
 
-  alias BB.Parameter.Table
+  alias BB.Parameter.Values
 
   @type which :: :not_kept | :damaged
 
   @doc "Sets an alarm, unless it is set already."
   @spec set(module(), which(), description :: map()) :: :ok
   def set(robot, which, description) do
-    if Table.put_alarm(robot, which),
+    if Values.put_alarm(robot, which),
       do: with_alarms(fn -> :alarm_handler.set_alarm({id(robot, which), description}) end),
       else: :ok
   end
@@ -24,7 +24,7 @@ defmodule BB.Parameter.Alarm do
   @doc "Clears an alarm that is set."
   @spec clear(module(), which()) :: :ok
   def clear(robot, which) do
-    if Table.delete_alarm(robot, which),
+    if Values.delete_alarm(robot, which),
       do: with_alarms(fn -> :alarm_handler.clear_alarm(id(robot, which)) end),
       else: :ok
   end

@@ -14,7 +14,7 @@ defmodule BB.Parameter.Owner do
   require Logger
 
   alias BB.{Message, PubSub}
-  alias BB.Parameter.{Changed, Definition, Persistence, Startup, Table}
+  alias BB.Parameter.{Changed, Definition, Persistence, Startup, Values}
 
   @enforce_keys [:robot, :given, :persistence]
   defstruct [:robot, :given, :persistence, watchers: %{}]
@@ -27,7 +27,7 @@ defmodule BB.Parameter.Owner do
   @spec call(module(), term()) :: term()
   def call(robot, request) do
     case Process.whereis(name(robot)) do
-      nil -> Table.not_started!(robot)
+      nil -> Values.not_started!(robot)
       # Whoever waits hears of the owner's end; the store's time is bounded.
       pid -> GenServer.call(pid, request, :infinity)
     end
@@ -61,7 +61,7 @@ defmodule BB.Parameter.Owner do
     # declared.
     missing = Enum.reject(robot.robot().parameters, &known?(owner, &1.path))
     introduce(owner, missing)
-    {:ok, Enum.reduce(Table.watches(robot), owner, &follow/2)}
+    {:ok, Enum.reduce(Values.watches(robot), owner, &follow/2)}
   end
 
   @impl GenServer
@@ -80,7 +80,7 @@ defmodule BB.Parameter.Owner do
     case Enum.reject(paths, &known?(owner, &1)) do
       [] ->
         watch = {ref, pid, paths}
-        Table.put_watch(owner.robot, watch)
+        Values.put_watch(owner.robot, watch)
         {:reply, {:ok, Map.new(paths, &{&1, value!(owner, &1)})}, follow(watch, owner)}
 
       [path | _] ->
@@ -91,7 +91,7 @@ defmodule BB.Parameter.Owner do
   @impl GenServer
   def handle_info({:DOWN, monitor, :process, _pid, _reason}, owner) do
     {ref, watchers} = Map.pop(owner.watchers, monitor)
-    if ref, do: Table.delete_watch(owner.robot, ref)
+    if ref, do: Values.delete_watch(owner.robot, ref)
     {:noreply, %{owner | watchers: watchers}}
   end
 
@@ -107,7 +107,7 @@ defmodule BB.Parameter.Owner do
   end
 
   defp cast(robot, path, value) do
-    case Table.fetch_definition(robot, path) do
+    case Values.fetch_definition(robot, path) do
       {:ok, definition} -> Definition.cast(definition, value)
       :error -> {:error, no_parameter(robot, path)}
     end
@@ -115,7 +115,7 @@ defmodule BB.Parameter.Owner do
 
   defp no_parameter(robot, path) do
     above = Enum.drop(path, -1)
-    group? = Enum.any?(Table.definitions(robot), &(Enum.drop(&1.path, -1) == above))
+    group? = Enum.any?(Values.definitions(robot), &(Enum.drop(&1.path, -1) == above))
 
     if group?,
       do: {:unknown_parameter, List.last(path)},
@@ -124,14 +124,14 @@ defmodule BB.Parameter.Owner do
 
   # Without a store there is nothing to wait for.
   defp set(%{persistence: nil} = owner, _from, values) do
-    _ = change(owner, values, fn -> Table.put_values(owner.robot, values) end)
-    Table.put_kept(owner.robot, values)
+    _ = change(owner, values, fn -> Values.put_values(owner.robot, values) end)
+    Values.put_kept(owner.robot, values)
     {:reply, :ok, owner}
   end
 
   defp set(owner, from, values) do
     id = make_ref()
-    _ = change(owner, values, fn -> Table.put_unkept(owner.robot, id, values) end)
+    _ = change(owner, values, fn -> Values.put_unkept(owner.robot, id, values) end)
     Persistence.keep(owner.persistence, from, id, values)
     {:noreply, owner}
   end
@@ -140,7 +140,7 @@ defmodule BB.Parameter.Owner do
     old = Map.new(values, fn {path, _value} -> {path, value!(owner, path)} end)
     put.()
     for {path, value} <- values, do: publish(owner, path, old[path], value, :local)
-    for watch <- Table.watches(owner.robot), do: notify(watch, values)
+    for watch <- Values.watches(owner.robot), do: notify(watch, values)
   end
 
   defp notify({ref, pid, paths}, values) do
@@ -170,8 +170,8 @@ defmodule BB.Parameter.Owner do
   defp introduce(owner, definitions) do
     started = for definition <- definitions, do: {definition, start_value(owner, definition)}
     values = for {definition, {value, _source}} <- started, do: {definition.path, value}
-    Table.put_values(owner.robot, values)
-    Table.put_definitions(owner.robot, definitions)
+    Values.put_values(owner.robot, values)
+    Values.put_definitions(owner.robot, definitions)
 
     for {definition, {value, source}} <- started,
         do: publish(owner, definition.path, nil, value, source)
@@ -192,14 +192,14 @@ defmodule BB.Parameter.Owner do
   end
 
   defp stored(owner, %{path: path}) do
-    case Table.fetch_stored(owner.robot, path) do
+    case Values.fetch_stored(owner.robot, path) do
       {:ok, value} -> %{path => value}
       :error -> %{}
     end
   end
 
   defp register(owner, path, definitions) do
-    there = Table.definitions(owner.robot)
+    there = Values.definitions(owner.robot)
     registrant = for definition <- definitions, uniq: true, do: definition.registrant
     {own, others} = Enum.split_with(there, &(&1.registrant in registrant))
 
@@ -213,26 +213,26 @@ defmodule BB.Parameter.Owner do
 
   defp replace(owner, old, new) do
     {kept, fresh} = Enum.split_with(new, &fits?(owner, &1))
-    Table.put_definitions(owner.robot, kept)
+    Values.put_definitions(owner.robot, kept)
     introduce(owner, fresh)
 
     for %{path: path} <- old,
         path not in Enum.map(new, & &1.path),
-        do: Table.delete(owner.robot, path)
+        do: Values.delete(owner.robot, path)
 
     :ok
   end
 
   defp fits?(owner, definition) do
-    with {:ok, value} <- Table.fetch(owner.robot, definition.path),
+    with {:ok, value} <- Values.fetch(owner.robot, definition.path),
          do: match?({:ok, ^value}, Definition.cast(definition, value)),
          else: (:error -> false)
   end
 
-  defp known?(owner, path), do: match?({:ok, _}, Table.fetch_definition(owner.robot, path))
+  defp known?(owner, path), do: match?({:ok, _}, Values.fetch_definition(owner.robot, path))
 
   defp value!(owner, path) do
-    {:ok, value} = Table.fetch(owner.robot, path)
+    {:ok, value} = Values.fetch(owner.robot, path)
     value
   end
 

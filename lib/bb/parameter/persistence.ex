@@ -13,7 +13,7 @@ defmodule BB.Parameter.Persistence do
 
   require Logger
 
-  alias BB.Parameter.{Alarm, Reason, Table}
+  alias BB.Parameter.{Alarm, Reason, Values}
   alias BB.Parameter.Store.Session
 
   # More are saved by the next call.
@@ -69,7 +69,7 @@ defmodule BB.Parameter.Persistence do
   Has values kept that are unkept in the table, by their `id`. `from` gets `:ok` or `{:error,
   {:not_kept, reason}}`.
   """
-  @spec keep(pid(), GenServer.from(), Table.id(), Session.values()) :: :ok
+  @spec keep(pid(), GenServer.from(), Values.id(), Session.values()) :: :ok
   def keep(persistence, from, id, values) do
     send(persistence, {:keep, from, id, values})
     :ok
@@ -80,7 +80,7 @@ defmodule BB.Parameter.Persistence do
     # The store is closed in terminate/2, and a store's process may die.
     Process.flag(:trap_exit, true)
     Alarm.clear_left(robot)
-    state = %__MODULE__{robot: robot, module: module, opts: opts, backlog: Table.unkept(robot)}
+    state = %__MODULE__{robot: robot, module: module, opts: opts, backlog: Values.unkept(robot)}
     {:ok, state |> open() |> save_backlog() |> settle()}
   end
 
@@ -144,7 +144,7 @@ defmodule BB.Parameter.Persistence do
   defp open(%{session: nil} = state) do
     case Session.open(state.robot, state.module, state.opts) do
       {:ok, session, values} ->
-        Table.put_kept(state.robot, values)
+        Values.put_kept(state.robot, values)
         ask_for_damage(%{state | session: session})
 
       {kind, verb, reason} ->
@@ -211,8 +211,8 @@ defmodule BB.Parameter.Persistence do
   end
 
   defp kept(state, unit) do
-    Table.put_kept(state.robot, for({path, {_id, value}} <- unit, do: {path, value}))
-    Table.delete_unkept(state.robot, unit)
+    Values.put_kept(state.robot, for({path, {_id, value}} <- unit, do: {path, value}))
+    Values.delete_unkept(state.robot, unit)
     %{state | backlog: Map.drop(state.backlog, for({path, _} <- unit, do: path))}
   end
 

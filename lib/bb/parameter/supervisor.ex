@@ -6,7 +6,7 @@ defmodule BB.Parameter.Supervisor do
 
   use Supervisor
 
-  alias BB.Parameter.{Owner, Persistence, Startup, Table}
+  alias BB.Parameter.{Owner, Persistence, Startup, Values}
 
   @max_restarts 100
 
@@ -24,7 +24,7 @@ defmodule BB.Parameter.Supervisor do
 
   @impl Supervisor
   def init({robot, given}) do
-    children = [{Table, robot}, {Persistence, robot}, {Owner, {robot, given}}]
+    children = [{Values, robot}, {Persistence, robot}, {Owner, {robot, given}}]
     Supervisor.init(children, strategy: :rest_for_one, max_restarts: @max_restarts)
   end
 end

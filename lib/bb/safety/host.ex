@@ -22,7 +22,7 @@ defmodule BB.Safety.Host do
   use GenServer
   use BB.Process.Tolerant
 
-  alias BB.Safety.{Supervisor, Table, Warden}
+  alias BB.Safety.{Records, Supervisor, Warden}
 
   @again_ms 5
   @patience_ms 10_000
@@ -52,7 +52,7 @@ defmodule BB.Safety.Host do
   """
   @spec leave() :: :ok
   def leave do
-    Table.remove_host(self())
+    Records.remove_host(self())
     Supervisor.start()
 
     for ref <- secure(), do: receive(do: ({:DOWN, ^ref, :process, _pid, _reason} -> :ok))
@@ -64,7 +64,7 @@ defmodule BB.Safety.Host do
   defp secure do
     moment = Warden.moment()
 
-    for record <- Table.records() do
+    for record <- Records.records() do
       {_pid, ref} = spawn_monitor(Warden, :secure, [record.robot, moment])
       ref
     end
@@ -73,7 +73,7 @@ defmodule BB.Safety.Host do
   @impl GenServer
   def init(nil) do
     Process.flag(:trap_exit, true)
-    {:ok, watch(Table.host())}
+    {:ok, watch(Records.host())}
   end
 
   @impl GenServer
@@ -82,7 +82,7 @@ defmodule BB.Safety.Host do
   def handle_call({:enter, host}, _from, {former, ref}) do
     Process.demonitor(ref, [:flush])
     _ = unless former == nil, do: secure()
-    Table.put_host(host)
+    Records.put_host(host)
     {:reply, :ok, watch(host)}
   end
 

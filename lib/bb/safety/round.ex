@@ -2,14 +2,14 @@ defmodule BB.Safety.Round do
   @moduledoc """
   One disarming: all handlers at once, each in a process of its own, until a common deadline.
 
-  Each handler has a row in `BB.Safety.Table`: its turn. A process takes the turn before it calls
+  Each handler has a row in `BB.Safety.Records`: its turn. A process takes the turn before it calls
   the handler, which only one can do, and leaves the outcome there. So whoever continues a round,
   because the process that began it died, finds what was done, waits for what is being done, and
   calls no handler twice.
   """
 
   alias BB.Callback
-  alias BB.Safety.Table
+  alias BB.Safety.Records
 
   @enforce_keys [:id, :timeout_ms, :deadline_ms, :started]
   defstruct [:id, :timeout_ms, :deadline_ms, :started, :cause]
@@ -38,7 +38,7 @@ defmodule BB.Safety.Round do
   @spec new(module(), pos_integer(), cause()) :: t()
   def new(robot, timeout_ms, cause) do
     id = System.unique_integer()
-    Table.prepare(robot, id, Table.handlers(robot))
+    Records.prepare(robot, id, Records.handlers(robot))
 
     %__MODULE__{
       id: id,
@@ -50,19 +50,19 @@ defmodule BB.Safety.Round do
   end
 
   @doc "Calls what is not yet called and watches what is: the runs that have no outcome, by their monitors."
-  @spec go_on(t(), module()) :: %{reference() => Table.run_key()}
+  @spec go_on(t(), module()) :: %{reference() => Records.run_key()}
   def go_on(round, robot) do
-    for {key, _holder, nil, _handler} = run <- Table.runs(robot, round.id),
+    for {key, _holder, nil, _handler} = run <- Records.runs(robot, round.id),
         into: %{},
         do: {watch(run), key}
   end
 
   @doc "A process that ran a handler has ended: `:done`, or the monitor of the process that runs it now."
-  @spec ended(Table.run_key(), pid(), term()) :: :done | reference()
+  @spec ended(Records.run_key(), pid(), term()) :: :done | reference()
   def ended(key, pid, reason) do
-    case Table.run(key) do
+    case Records.run(key) do
       {_key, ^pid, nil, _handler} ->
-        Table.settle(key, {:error, {:exit, reason}})
+        Records.settle(key, {:error, {:exit, reason}})
         :done
 
       {_key, _holder, nil, _handler} = run ->
@@ -81,8 +81,8 @@ defmodule BB.Safety.Round do
   defp watch({_key, holder, nil, _handler}), do: Process.monitor(holder)
 
   @doc "Takes a handler's turn, unless another process has it, calls the handler and leaves the outcome."
-  @spec work(Table.run_key(), module(), keyword()) :: boolean()
-  def work(key, module, opts), do: Table.claim(key) and Table.settle(key, call(module, opts))
+  @spec work(Records.run_key(), module(), keyword()) :: boolean()
+  def work(key, module, opts), do: Records.claim(key) and Records.settle(key, call(module, opts))
 
   @doc """
   Ends a round: its failures, by path. Handlers that are not done by now are killed and count as
@@ -91,10 +91,10 @@ defmodule BB.Safety.Round do
   """
   @spec close(t(), module()) :: [failure()]
   def close(round, robot) do
-    Enum.flat_map(Table.runs(robot, round.id), fn {_key, _holder, _outcome, handler} = run ->
+    Enum.flat_map(Records.runs(robot, round.id), fn {_key, _holder, _outcome, handler} = run ->
       case outcome(run, round.timeout_ms) do
         :ok ->
-          Table.release(handler)
+          Records.release(handler)
           []
 
         {:error, error} ->

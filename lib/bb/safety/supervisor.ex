@@ -10,12 +10,12 @@ defmodule BB.Safety.Supervisor do
   No supervisor stands above it, so none can take it down: it is there from the first start of the
   application until the end of the VM. When it is killed, `BB.Safety.Anchor` starts it again,
   which stands in the application, and where that is gone too, `BB.Safety.Host`. Nothing here
-  holds what it knows, so that nothing is lost with it (`BB.Safety.Table`).
+  holds what it knows, so that nothing is lost with it (`BB.Safety.Records`).
   """
 
   use Supervisor
 
-  alias BB.Safety.{Host, Table, Warden}
+  alias BB.Safety.{Host, Records, Warden}
 
   # However often wardens are killed, the others stay.
   @restarts [max_restarts: 1_000, max_seconds: 1]
@@ -45,7 +45,7 @@ defmodule BB.Safety.Supervisor do
 
   @impl Supervisor
   def init(_opts) do
-    Table.create()
+    Records.create()
     await_end(Process.whereis(BB.Safety.Wardens))
     await_end(Process.whereis(Host))
 
@@ -76,5 +76,5 @@ defmodule BB.Safety.Supervisor do
 
   @doc "Starts the wardens of robots that have a record."
   @spec resume() :: :ok
-  def resume, do: Enum.each(Table.records(), &Warden.resume/1)
+  def resume, do: Enum.each(Records.records(), &Warden.resume/1)
 end

@@ -3,7 +3,7 @@ defmodule BB.Safety.Warden do
   Decides about one robot's safety, and runs its disarmings. It stands outside the robot's own
   processes and watches them.
 
-  It holds nothing that is not in `BB.Safety.Table`: one that is killed has a successor, which
+  It holds nothing that is not in `BB.Safety.Records`: one that is killed has a successor, which
   goes on where it stopped, also in the midst of a disarming. It calls no code of a user's:
   telemetry handlers and `disarm/1` callbacks run in processes of their own.
 
@@ -15,7 +15,7 @@ defmodule BB.Safety.Warden do
   use GenServer, restart: :transient
   use BB.Process.Tolerant
 
-  alias BB.Safety.{Announcer, Record, Round, Table}
+  alias BB.Safety.{Announcer, Record, Records, Round}
 
   @supervisor BB.Safety.Wardens
   @timeout_ms 5_000
@@ -42,7 +42,7 @@ defmodule BB.Safety.Warden do
   """
   @spec watch(module(), role()) :: :ok
   def watch(robot, role) do
-    unless Table.running?(),
+    unless Records.running?(),
       do: raise("BB.Safety is not running: start the application :ganglion before a robot")
 
     pid = self()
@@ -55,7 +55,7 @@ defmodule BB.Safety.Warden do
     pid = self()
 
     persist(fn _attempt ->
-      unless Table.known?(robot), do: watch(robot, :component)
+      unless Records.known?(robot), do: watch(robot, :component)
       GenServer.call(name(robot), {:vouch, path, pid}, :infinity)
     end)
   end
@@ -64,7 +64,7 @@ defmodule BB.Safety.Warden do
   @spec arm(module()) :: :ok | {:error, term()}
   def arm(robot) do
     ref = make_ref()
-    seen = with {:ok, epoch} <- Table.epoch(robot), do: epoch
+    seen = with {:ok, epoch} <- Records.epoch(robot), do: epoch
     request(robot, {:arm, ref, :first}, {:arm, ref, seen})
   end
 
@@ -101,7 +101,7 @@ defmodule BB.Safety.Warden do
 
   defp request(robot, request, again) do
     persist(fn attempt ->
-      if Table.known?(robot),
+      if Records.known?(robot),
         do: GenServer.call(name(robot), if(attempt == 1, do: request, else: again), :infinity),
         else: {:error, :not_registered}
     end)
@@ -162,7 +162,7 @@ defmodule BB.Safety.Warden do
     # An emergency stop does not queue behind what the robot computes.
     Process.flag(:priority, :high)
 
-    case {Table.record(robot), role} do
+    case {Records.record(robot), role} do
       {nil, :nobody} -> :ignore
       {nil, role} -> {:ok, watch_role(%__MODULE__{record: %Record{robot: robot}}, role, pid)}
       {record, _role} -> {:ok, go_on(%__MODULE__{record: record}), {:continue, :settle}}
@@ -171,7 +171,7 @@ defmodule BB.Safety.Warden do
 
   # What another process began: who was watched is watched again, and a round is continued.
   defp go_on(%{record: record} = warden) do
-    Table.clear_runs(record.robot, record.round && record.round.id)
+    Records.clear_runs(record.robot, record.round && record.round.id)
     warden |> attend() |> run()
   end
 
@@ -183,13 +183,13 @@ defmodule BB.Safety.Warden do
     do: {:reply, :ok, watch_role(warden, role, pid)}
 
   def handle_call({:vouch, path, pid}, _from, %{record: record} = warden) do
-    Table.vouch(record.robot, path, pid)
+    Records.vouch(record.robot, path, pid)
     {:reply, :ok, attend(warden)}
   end
 
   def handle_call({:arm, ref, seen}, _from, %{record: record} = warden) do
     epoch = moment()
-    forbidden = if Table.hosted?(), do: Table.inhibitions(record.robot), else: :not_running
+    forbidden = if Records.hosted?(), do: Records.inhibitions(record.robot), else: :not_running
 
     case Record.arm(record, ref, seen, epoch, forbidden) do
       {:ok, record} -> {:reply, :ok, become(warden, record)}
@@ -272,7 +272,7 @@ defmodule BB.Safety.Warden do
   # Handlers that nobody's end has removed: of components that were started alone, or outlived
   # their robot.
   defp enter(%{record: record} = warden, role, pid) do
-    if role == :root and record.state == :disarmed, do: Table.sweep(record.robot)
+    if role == :root and record.state == :disarmed, do: Records.sweep(record.robot)
     become(warden, Record.enter(record, role, pid))
   end
 
@@ -288,15 +288,16 @@ defmodule BB.Safety.Warden do
     %{warden | watched: Map.merge(kept, Map.new(new))}
   end
 
-  defp vouchers(robot), do: for({path, pid} <- Table.vouchers(robot), do: {{:voucher, path}, pid})
+  defp vouchers(robot),
+    do: for({path, pid} <- Records.vouchers(robot), do: {{:voucher, path}, pid})
 
   # The table keeps that it has ended after it keeps what follows from that, so that a successor
   # finds what is still to be done.
   defp lost(warden, {:voucher, path} = role, pid) do
     robot = warden.record.robot
-    vouched? = Table.voucher?(robot, path, pid)
+    vouched? = Records.voucher?(robot, path, pid)
     warden = if vouched?, do: disarm(warden, nil, @timeout_ms, {role, :ended}), else: warden
-    Table.unattended(robot, path, pid)
+    Records.unattended(robot, path, pid)
     attend(warden)
   end
 
@@ -310,7 +311,7 @@ defmodule BB.Safety.Warden do
   defp disarm(%{record: %{state: :armed} = record} = warden, ref, timeout_ms, cause) do
     round = Round.new(record.robot, timeout_ms, cause)
     disarming = Record.disarming(record, ref, round)
-    Table.put(disarming)
+    Records.put(disarming)
     warden = run(%{warden | record: disarming})
     Announcer.transition(record, disarming)
     Announcer.began(record.robot, round)
@@ -339,7 +340,7 @@ defmodule BB.Safety.Warden do
     warden =
       become(%{warden | runs: %{}, deadline: nil}, Record.disarmed(warden.record, failures))
 
-    Table.clear_runs(robot, nil)
+    Records.clear_runs(robot, nil)
     Announcer.ended(robot, round, failures)
     for from <- warden.waiting, do: GenServer.reply(from, Record.outcome(warden.record))
     %{warden | waiting: []}
@@ -350,7 +351,7 @@ defmodule BB.Safety.Warden do
   # Changing
 
   defp become(%{record: old} = warden, record) do
-    Table.put(record)
+    Records.put(record)
     if old.state != record.state, do: Announcer.transition(old, record)
     attend(%{warden | record: record})
   end
@@ -367,7 +368,7 @@ defmodule BB.Safety.Warden do
 
   defp over?(%{record: record}) do
     over? = Record.over?(record)
-    if over?, do: Table.forget(record.robot)
+    if over?, do: Records.forget(record.robot)
     over?
   end
 end

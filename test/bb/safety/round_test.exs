@@ -1,22 +1,22 @@
 defmodule BB.Safety.RoundTest do
   use ExUnit.Case, async: true
 
-  alias BB.Safety.{Round, Table}
+  alias BB.Safety.{Records, Round}
   alias BB.Test.Brake
 
   @path [:brake]
 
   defp round do
     robot = Module.concat(__MODULE__, "Robot#{System.unique_integer([:positive])}")
-    Table.register(robot, @path, self(), Brake, bb: %{robot: robot, path: @path})
-    on_exit(fn -> Table.clear_runs(robot, nil) end)
-    on_exit(fn -> for row <- Table.handlers(robot), do: Table.release(row) end)
+    Records.register(robot, @path, self(), Brake, bb: %{robot: robot, path: @path})
+    on_exit(fn -> Records.clear_runs(robot, nil) end)
+    on_exit(fn -> for row <- Records.handlers(robot), do: Records.release(row) end)
     {robot, Round.new(robot, 60_000, :requested)}
   end
 
   test "a handler is called by one of those who take its turn" do
     {robot, round} = round()
-    [{key, :nobody, nil, {_, _owner, module, opts, _id}}] = Table.runs(robot, round.id)
+    [{key, :nobody, nil, {_, _owner, module, opts, _id}}] = Records.runs(robot, round.id)
 
     takers =
       for _ <- 1..100,

@@ -1,4 +1,4 @@
-defmodule BB.Parameter.Table do
+defmodule BB.Parameter.Values do
   @moduledoc """
   Where a robot's parameters are: an ETS table that anyone reads. `BB.Parameter.Owner` writes it,
   and `BB.Parameter.Persistence` what of it the store has.

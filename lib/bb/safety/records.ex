@@ -1,4 +1,4 @@
-defmodule BB.Safety.Table do
+defmodule BB.Safety.Records do
   @moduledoc """
   Where safety is kept: two ETS tables, so that whoever asks waits for nobody and a process that
   dies takes nothing with it.
