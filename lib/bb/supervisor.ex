@@ -8,11 +8,11 @@ defmodule BB.Supervisor do
       ├── runtime                      BB.Parameter.Supervisor, the robot's parameters
       ├── ▌ BB.Supervisor.Simulation   simulated buses, where the robot declares and has them
       ├── BB.Safety.Latch              holds the end until the robot is disarmed
-      └── topology                     BB.Supervisor.Part
+      └── topology                     BB.Supervisor.Topology
           ├── :battery                 BB.Component.Keeper ── BB.Component.Server
-          └── link :base_link          BB.Supervisor.Part
+          └── link :base_link          BB.Supervisor.Topology
               ├── :imu                 BB.Component.Keeper ── BB.Component.Server
-              └── joint :shoulder      BB.Supervisor.Part …
+              └── joint :shoulder      BB.Supervisor.Topology …
 
   A component that crashes, hangs or misses its device is its keeper's matter alone (`BB.Component.Keeper`): no supervisor
   notices, so none ever restarts for it. ▌ is a bulkhead (`BB.Process.Bulkhead`): simulated buses that
@@ -26,7 +26,7 @@ defmodule BB.Supervisor do
   alias BB.Options.ValidationError
   alias BB.Parameter.Startup
   alias BB.Process.Successor
-  alias BB.Supervisor.{Part, Simulation}
+  alias BB.Supervisor.{Simulation, Topology}
 
   @options BB.Options.new!(
              params: [
@@ -100,7 +100,7 @@ defmodule BB.Supervisor do
         Successor.child_spec(BB.Process.registry_spec(robot)),
         Successor.child_spec({BB.PubSub, robot}),
         Successor.child_spec({BB.Parameter.Supervisor, {robot, given}})
-      ] ++ Simulation.children(robot) ++ [{BB.Safety.Latch, robot}, {Part, {robot, nil}}]
+      ] ++ Simulation.children(robot) ++ [{BB.Safety.Latch, robot}, {Topology, {robot, nil}}]
 
     Supervisor.init(children, strategy: :one_for_one)
   end

@@ -10,7 +10,7 @@ defmodule BB.SafetyTest do
   alias BB.Test.{Brake, Probe}
 
   doctest BB.Safety
-  doctest BB.Safety.Announcer
+  doctest BB.Safety.Events
 
   defmodule Gripper do
     @moduledoc "An actuator that is counted as `BB.Test.Brake` is."

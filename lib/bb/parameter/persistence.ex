@@ -93,7 +93,7 @@ defmodule BB.Parameter.Persistence do
     {:noreply, state |> open() |> save_backlog() |> settle()}
   end
 
-  def handle_info({:EXIT, host, reason}, %{session: %{host: host}} = state),
+  def handle_info({:EXIT, worker, reason}, %{session: %{worker: worker}} = state),
     do: {:noreply, state |> fail(:gone, "use", {:exit, reason}) |> settle()}
 
   @impl GenServer

@@ -15,7 +15,7 @@ defmodule BB.Safety.Warden do
   use GenServer, restart: :transient
   use BB.Process.Tolerant
 
-  alias BB.Safety.{Announcer, Record, Records, Round}
+  alias BB.Safety.{Events, Record, Records, Round}
 
   @supervisor BB.Safety.Wardens
   @timeout_ms 5_000
@@ -313,8 +313,8 @@ defmodule BB.Safety.Warden do
     disarming = Record.disarming(record, ref, round)
     Records.put(disarming)
     warden = run(%{warden | record: disarming})
-    Announcer.transition(record, disarming)
-    Announcer.began(record.robot, round)
+    Events.transition(record, disarming)
+    Events.began(record.robot, round)
     settle(warden)
   end
 
@@ -341,7 +341,7 @@ defmodule BB.Safety.Warden do
       become(%{warden | runs: %{}, deadline: nil}, Record.disarmed(warden.record, failures))
 
     Records.clear_runs(robot, nil)
-    Announcer.ended(robot, round, failures)
+    Events.ended(robot, round, failures)
     for from <- warden.waiting, do: GenServer.reply(from, Record.outcome(warden.record))
     %{warden | waiting: []}
   end
@@ -352,7 +352,7 @@ defmodule BB.Safety.Warden do
 
   defp become(%{record: old} = warden, record) do
     Records.put(record)
-    if old.state != record.state, do: Announcer.transition(old, record)
+    if old.state != record.state, do: Events.transition(old, record)
     attend(%{warden | record: record})
   end
 

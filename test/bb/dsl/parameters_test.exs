@@ -407,7 +407,7 @@ defmodule BB.Dsl.ParametersTest do
       assert eventually(fn -> health(robot, :imu).state == :up end)
       assert [_, _] = Supervisor.which_children(BB.Process.registry_name(robot))
       started = :ets.match(:bb_test_own_supervisors, {robot, :"$1"})
-      assert Enum.sort(started) == [[BB.Supervisor], [BB.Supervisor.Part]]
+      assert Enum.sort(started) == [[BB.Supervisor], [BB.Supervisor.Topology]]
     end
   end
 

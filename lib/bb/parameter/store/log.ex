@@ -45,7 +45,7 @@ defmodule BB.Parameter.Store.Log do
 
   alias BB.Parameter.{Reason, Store}
   alias BB.Parameter.Store.{Dets, Disk}
-  alias BB.Parameter.Store.Log.{Entry, Format, Reading, Recovery}
+  alias BB.Parameter.Store.Log.{Contents, Entry, Format, Recovery}
 
   @largest 16 * 1024 * 1024
   @previous ".previous"
@@ -75,7 +75,7 @@ defmodule BB.Parameter.Store.Log do
           entries: %{binary() => binary()},
           damage: Store.damage() | nil,
           number: non_neg_integer(),
-          tail: Reading.t() | nil,
+          tail: Contents.t() | nil,
           torn?: boolean(),
           appendable?: boolean()
         }

@@ -5,41 +5,41 @@ defmodule BB.Parameter.Store.Session do
   """
 
   alias BB.Parameter.Store
-  alias BB.Parameter.Store.Host
+  alias BB.Parameter.Store.Worker
 
   @timeout_ms 5_000
 
-  @enforce_keys [:module, :host, :state]
-  defstruct [:module, :host, :state]
+  @enforce_keys [:module, :worker, :state]
+  defstruct [:module, :worker, :state]
 
-  @type t :: %__MODULE__{module: module(), host: pid(), state: Store.state()}
+  @type t :: %__MODULE__{module: module(), worker: pid(), state: Store.state()}
   @type values :: %{BB.Parameter.path() => term()}
 
   @doc "Opens and loads a store. The reason of a failure comes with what failed, as a verb."
   @spec open(module(), module(), keyword()) ::
           {:ok, t(), values()} | {:error | :gone, verb :: String.t(), reason :: term()}
   def open(robot, module, opts) do
-    host = Host.start_link()
+    worker = Worker.start_link()
 
-    case ask(host, &value/1, fn -> module.init(robot, opts) end) do
-      {:ok, state} -> load(%__MODULE__{module: module, host: host, state: state})
-      {kind, reason} -> give_up(host, kind, "open", reason)
+    case ask(worker, &value/1, fn -> module.init(robot, opts) end) do
+      {:ok, state} -> load(%__MODULE__{module: module, worker: worker, state: state})
+      {kind, reason} -> give_up(worker, kind, "open", reason)
     end
   end
 
   defp load(%{module: module, state: state} = session) do
-    case ask(session.host, &values/1, fn -> module.load(state) end) do
+    case ask(session.worker, &values/1, fn -> module.load(state) end) do
       {:ok, values} ->
         {:ok, session, values}
 
       {kind, reason} ->
-        if kind == :error, do: ask(session.host, &done/1, fn -> module.close(state) end)
-        give_up(session.host, kind, "load", reason)
+        if kind == :error, do: ask(session.worker, &done/1, fn -> module.close(state) end)
+        give_up(session.worker, kind, "load", reason)
     end
   end
 
-  defp give_up(host, kind, verb, reason) do
-    Host.stop(host)
+  defp give_up(worker, kind, verb, reason) do
+    Worker.stop(worker)
     {kind, verb, reason}
   end
 
@@ -51,32 +51,32 @@ defmodule BB.Parameter.Store.Session do
   @spec save_many(t(), [{BB.Parameter.path(), term()}]) ::
           {:ok, :ok} | {:error | :gone, reason :: term()}
   def save_many(%{module: module, state: state} = session, values),
-    do: ask(session.host, &done/1, fn -> module.save_many(state, values) end)
+    do: ask(session.worker, &done/1, fn -> module.save_many(state, values) end)
 
   @doc "Stores a value."
   @spec save(t(), BB.Parameter.path(), term()) :: {:ok, :ok} | {:error | :gone, reason :: term()}
   def save(%{module: module, state: state} = session, path, value),
-    do: ask(session.host, &done/1, fn -> module.save(state, path, value) end)
+    do: ask(session.worker, &done/1, fn -> module.save(state, path, value) end)
 
   @doc "What the store found damaged when it was opened; nothing, when it cannot say."
   @spec damage(t()) :: {:ok, Store.damage() | nil} | {:error | :gone, reason :: term()}
   def damage(%{module: module, state: state} = session) do
     if function_exported?(module, :damage, 1),
-      do: ask(session.host, &damage_of/1, fn -> module.damage(state) end),
+      do: ask(session.worker, &damage_of/1, fn -> module.damage(state) end),
       else: {:ok, nil}
   end
 
   @doc "Closes the store and ends its process."
   @spec close(t()) :: {:ok, :ok} | {:error | :gone, reason :: term()}
   def close(%{module: module, state: state} = session) do
-    closed = ask(session.host, &done/1, fn -> module.close(state) end)
-    Host.stop(session.host)
+    closed = ask(session.worker, &done/1, fn -> module.close(state) end)
+    Worker.stop(session.worker)
     closed
   end
 
   # What a callback returned is looked at in the store's process too.
-  defp ask(host, check, fun) do
-    with {:ok, result} <- Host.call(host, fn -> check.(fun.()) end, @timeout_ms), do: result
+  defp ask(worker, check, fun) do
+    with {:ok, result} <- Worker.call(worker, fn -> check.(fun.()) end, @timeout_ms), do: result
   end
 
   defp value({:ok, state}), do: {:ok, state}

@@ -24,7 +24,7 @@ defmodule BB.Parameter.Store.Log.Format do
   or a file system puts in the place of what it has lost, as zeros are.
   """
 
-  alias BB.Parameter.Store.Log.{Entry, Reading}
+  alias BB.Parameter.Store.Log.{Contents, Entry}
 
   @magic "BBparams"
   @version 1
@@ -40,17 +40,17 @@ defmodule BB.Parameter.Store.Log.Format do
   @most_free 65_536
 
   @doc """
-  A new file: the values of the generation before, and a change. The reading tells where the next
+  A new file: the values of the generation before, and a change. The contents tells where the next
   change goes.
 
       iex> alias BB.Parameter.Store.Log.{Entry, Format}
-      iex> {bytes, _reading} =
+      iex> {bytes, _contents} =
       ...>   Format.new(7, [Entry.encode([:gain], 1.0)], [Entry.encode([:gain], 2.0)])
-      iex> {:ok, reading} = Format.read(IO.iodata_to_binary(bytes))
-      iex> {reading.generation, Enum.map(reading.entries, &Entry.decode/1), reading.damaged?}
+      iex> {:ok, contents} = Format.read(IO.iodata_to_binary(bytes))
+      iex> {contents.generation, Enum.map(contents.entries, &Entry.decode/1), contents.damaged?}
       {7, [ok: {[:gain], 1.0}, ok: {[:gain], 2.0}], false}
   """
-  @spec new(pos_integer(), [Entry.t()], [Entry.t()]) :: {iodata(), Reading.t()}
+  @spec new(pos_integer(), [Entry.t()], [Entry.t()]) :: {iodata(), Contents.t()}
   def new(generation, base, change) do
     frames = Enum.map(base, &[&1]) ++ if(change == [], do: [], else: [change])
     {frames, {end_at, values}} = Enum.map_reduce(frames, {@header_size, 0}, &frame/2)
@@ -63,25 +63,25 @@ defmodule BB.Parameter.Store.Log.Format do
       :binary.copy(@filling, size - end_at - @end_size)
     ]
 
-    reading = %Reading{generation: generation, base: length(base), values: values}
-    {bytes, %{reading | size: size, end_at: end_at}}
+    contents = %Contents{generation: generation, base: length(base), values: values}
+    {bytes, %{contents | size: size, end_at: end_at}}
   end
 
   @doc """
-  The write of a change, to be made at `reading.end_at`, and the reading after it; or `:full`.
+  The write of a change, to be made at `contents.end_at`, and the contents after it; or `:full`.
   """
-  @spec append(Reading.t(), [Entry.t()]) :: {:ok, iodata(), Reading.t()} | :full
-  def append(%Reading{} = reading, change) do
-    {frame, {end_at, values}} = frame(change, {reading.end_at, reading.values})
+  @spec append(Contents.t(), [Entry.t()]) :: {:ok, iodata(), Contents.t()} | :full
+  def append(%Contents{} = contents, change) do
+    {frame, {end_at, values}} = frame(change, {contents.end_at, contents.values})
 
-    if end_at + @end_size <= reading.size,
-      do: {:ok, [frame, ending(end_at, values)], %{reading | end_at: end_at, values: values}},
+    if end_at + @end_size <= contents.size,
+      do: {:ok, [frame, ending(end_at, values)], %{contents | end_at: end_at, values: values}},
       else: :full
   end
 
-  @doc "The bytes at `reading.end_at` of a file to which nobody else has written."
-  @spec ending(Reading.t()) :: binary()
-  def ending(%Reading{} = reading), do: ending(reading.end_at, reading.values)
+  @doc "The bytes at `contents.end_at` of a file to which nobody else has written."
+  @spec ending(Contents.t()) :: binary()
+  def ending(%Contents{} = contents), do: ending(contents.end_at, contents.values)
 
   @doc """
   Reads a file. Whatever the bytes, what is returned had been written by `new/3` or `append/2`;
@@ -89,12 +89,12 @@ defmodule BB.Parameter.Store.Log.Format do
 
   `{:error, {:version, n}}` is a file by a later release of this library.
   """
-  @spec read(binary()) :: {:ok, Reading.t()} | {:error, {:version, non_neg_integer()}}
+  @spec read(binary()) :: {:ok, Contents.t()} | {:error, {:version, non_neg_integer()}}
   def read(bytes) do
     case read_header(bytes) do
-      {:ok, reading} -> {:ok, walk(bytes, @header_size, reading)}
+      {:ok, contents} -> {:ok, walk(bytes, @header_size, contents)}
       {:error, {:version, _}} = error -> error
-      :error -> {:ok, walk(bytes, 0, %Reading{damaged?: true})}
+      :error -> {:ok, walk(bytes, 0, %Contents{damaged?: true})}
     end
   end
 
@@ -142,32 +142,39 @@ defmodule BB.Parameter.Store.Log.Format do
   defp read_header(_bytes), do: :error
 
   defp read_head(<<@magic, @version::16, _::16, size::32, generation::32, base::32>>, actual) do
-    {:ok, %Reading{generation: generation, base: base, size: size, damaged?: size != actual}}
+    {:ok, %Contents{generation: generation, base: base, size: size, damaged?: size != actual}}
   end
 
   defp read_head(<<@magic, version::16, _::binary>>, _actual), do: {:error, {:version, version}}
   defp read_head(_head, _actual), do: :error
 
-  defp walk(bytes, at, reading) do
+  defp walk(bytes, at, contents) do
     case part_at(bytes, at) do
-      {:frame, before, entries, next} -> walk(bytes, next, Reading.take(reading, before, entries))
-      {:end, before} -> Reading.finish(reading, before, at)
-      {:unreadable, length} -> pass(bytes, at, reading, @head_size + length + @crc_size)
-      :nothing -> pass(bytes, at, reading, nil)
+      {:frame, before, entries, next} ->
+        walk(bytes, next, Contents.take(contents, before, entries))
+
+      {:end, before} ->
+        Contents.finish(contents, before, at)
+
+      {:unreadable, length} ->
+        pass(bytes, at, contents, @head_size + length + @crc_size)
+
+      :nothing ->
+        pass(bytes, at, contents, nil)
     end
   end
 
   # What stands at `at` cannot be read; its size is known when its head could be.
-  defp pass(bytes, at, reading, size) do
+  defp pass(bytes, at, contents, size) do
     cond do
-      torn?(bytes, at, reading, size) ->
-        %{Reading.finish(reading, reading.values, at) | torn?: true}
+      torn?(bytes, at, contents, size) ->
+        %{Contents.finish(contents, contents.values, at) | torn?: true}
 
       next = next_part(bytes, at + (size || 1)) || next_part(bytes, at + 1) ->
-        walk(bytes, next, %{reading | damaged?: true})
+        walk(bytes, next, %{contents | damaged?: true})
 
       true ->
-        Reading.break_off(reading)
+        Contents.break_off(contents)
     end
   end
 
@@ -231,9 +238,9 @@ defmodule BB.Parameter.Store.Log.Format do
 
   defp torn?(_bytes, _at, %{damaged?: true}, _size), do: false
 
-  defp torn?(bytes, at, reading, size) do
+  defp torn?(bytes, at, contents, size) do
     tail = from(bytes, at)
-    ending = ending(at, reading.values)
+    ending = ending(at, contents.values)
     torn_frame?(tail, size, ending) or torn_end?(tail, ending)
   end
 

@@ -6,7 +6,7 @@ defmodule BB.Parameter.Store.Log.Recovery do
   cannot; it is `nil` when the file is whole. `number` is that of the newest generation.
   """
 
-  alias BB.Parameter.Store.Log.Reading
+  alias BB.Parameter.Store.Log.Contents
 
   defstruct entries: %{}, lost: nil, number: 0
 
@@ -17,8 +17,8 @@ defmodule BB.Parameter.Store.Log.Recovery do
         }
 
   @doc "Makes the best of two files, either of which may be missing (`nil`)."
-  @spec of(Reading.t() | nil, Reading.t() | nil) :: t()
-  def of(%Reading{damaged?: false} = current, _before),
+  @spec of(Contents.t() | nil, Contents.t() | nil) :: t()
+  def of(%Contents{damaged?: false} = current, _before),
     do: %__MODULE__{entries: entries(current), number: current.generation}
 
   def of(current, before) do
@@ -33,7 +33,7 @@ defmodule BB.Parameter.Store.Log.Recovery do
     do: current.lost + if(base?(before, current), do: 0, else: current.base_lost)
 
   # Whether a file has all the values with which the next generation began.
-  defp base?(%Reading{damaged?: false} = before, current),
+  defp base?(%Contents{damaged?: false} = before, current),
     do:
       before.generation == (current.generation || 0) - 1 and
         map_size(entries(before)) == current.base
@@ -41,8 +41,8 @@ defmodule BB.Parameter.Store.Log.Recovery do
   defp base?(_before, _current), do: false
 
   defp entries(nil), do: %{}
-  defp entries(%Reading{entries: entries}), do: Map.new(entries)
+  defp entries(%Contents{entries: entries}), do: Map.new(entries)
 
   defp number(current, before),
-    do: Enum.max(for reading <- [current, before], do: (reading && reading.generation) || 0)
+    do: Enum.max(for contents <- [current, before], do: (contents && contents.generation) || 0)
 end

@@ -2,7 +2,7 @@ defmodule BB.Parameter.Store.Log.FormatTest do
   use ExUnit.Case, async: true
   use BB.Test.Prop
 
-  alias BB.Parameter.Store.Log.{Entry, Format, Reading}
+  alias BB.Parameter.Store.Log.{Contents, Entry, Format}
 
   @moduletag timeout: 300_000
 
@@ -11,13 +11,13 @@ defmodule BB.Parameter.Store.Log.FormatTest do
   # A file as it is in use: the base of a generation, the change it was made for, and some changes
   # appended to it.
   defp file(base, first, changes) do
-    {bytes, reading} = Format.new(3, base, first)
-    Enum.reduce(changes, {IO.iodata_to_binary(bytes), reading}, &append/2)
+    {bytes, contents} = Format.new(3, base, first)
+    Enum.reduce(changes, {IO.iodata_to_binary(bytes), contents}, &append/2)
   end
 
-  defp append(change, {bytes, reading}) do
-    {:ok, write, after_it} = Format.append(reading, change)
-    {put(bytes, reading.end_at, IO.iodata_to_binary(write)), after_it}
+  defp append(change, {bytes, contents}) do
+    {:ok, write, after_it} = Format.append(contents, change)
+    {put(bytes, contents.end_at, IO.iodata_to_binary(write)), after_it}
   end
 
   defp put(bytes, at, new) do
@@ -34,30 +34,30 @@ defmodule BB.Parameter.Store.Log.FormatTest do
   @changes [[{"b", "5"}, {"c", "6"}], [{"d", "7"}], [{"e", "8"}, {"a", "9"}]]
 
   defp read!(bytes) do
-    assert {:ok, reading} = Format.read(bytes)
-    reading
+    assert {:ok, contents} = Format.read(bytes)
+    contents
   end
 
   defp all, do: List.flatten([@base, @first | @changes])
 
   test "a whole file is read in the order in which its values were set" do
     {bytes, tail} = file(@base, @first, @changes)
-    reading = read!(bytes)
-    assert reading.entries == all()
-    assert {reading.generation, reading.base, reading.values} == {3, 3, 9}
-    assert {reading.lost, reading.base_lost} == {0, 0}
-    refute reading.damaged? or reading.torn?
-    assert {reading.end_at, reading.size} == {tail.end_at, byte_size(bytes)}
+    contents = read!(bytes)
+    assert contents.entries == all()
+    assert {contents.generation, contents.base, contents.values} == {3, 3, 9}
+    assert {contents.lost, contents.base_lost} == {0, 0}
+    refute contents.damaged? or contents.torn?
+    assert {contents.end_at, contents.size} == {tail.end_at, byte_size(bytes)}
   end
 
   test "a file has the room of blocks, most of it free, and says when it is full" do
-    {bytes, reading} = Format.new(1, [], [])
+    {bytes, contents} = Format.new(1, [], [])
     assert IO.iodata_length(bytes) == 4_096
     value = String.duplicate("v", 1_000)
-    assert {:ok, _, reading} = Format.append(reading, [{"k", value}])
-    assert {:ok, _, reading} = Format.append(reading, [{"k", value}])
-    assert {:ok, _, reading} = Format.append(reading, [{"k", value}])
-    assert Format.append(reading, [{"k", value}]) == :full
+    assert {:ok, _, contents} = Format.append(contents, [{"k", value}])
+    assert {:ok, _, contents} = Format.append(contents, [{"k", value}])
+    assert {:ok, _, contents} = Format.append(contents, [{"k", value}])
+    assert Format.append(contents, [{"k", value}]) == :full
     {bytes, _} = Format.new(2, [{"k", String.duplicate("v", 5_000)}], [])
     assert IO.iodata_length(bytes) == 20_480
   end
@@ -67,19 +67,19 @@ defmodule BB.Parameter.Store.Log.FormatTest do
     head = <<magic::binary, 2::16, rest::binary>>
     sum = :erlang.crc32(:erlang.crc32(<<0::32>>), head)
     assert Format.read(<<head::binary, sum::32>>) == {:error, {:version, 2}}
-    assert {:ok, %Reading{damaged?: true}} = Format.read(<<head::binary, sum + 1::32>>)
+    assert {:ok, %Contents{damaged?: true}} = Format.read(<<head::binary, sum + 1::32>>)
   end
 
   describe "damage" do
-    # What is returned was set, in that order; and if anything is missing, the reading says so,
+    # What is returned was set, in that order; and if anything is missing, the contents says so,
     # and how much.
-    defp assert_honest(reading, what) do
-      assert subsequence?(reading.entries, all()), "#{what}: #{inspect(reading)}"
-      missing = length(all()) - length(reading.entries)
-      said = if reading.lost == :unknown, do: :unknown, else: reading.lost + reading.base_lost
+    defp assert_honest(contents, what) do
+      assert subsequence?(contents.entries, all()), "#{what}: #{inspect(contents)}"
+      missing = length(all()) - length(contents.entries)
+      said = if contents.lost == :unknown, do: :unknown, else: contents.lost + contents.base_lost
 
       if missing > 0 do
-        assert reading.damaged?, "#{what}: #{missing} are missing, and nothing is said"
+        assert contents.damaged?, "#{what}: #{missing} are missing, and nothing is said"
         assert said in [:unknown, missing], "#{what}: #{missing} are missing, #{said} are said"
       end
     end
@@ -93,9 +93,9 @@ defmodule BB.Parameter.Store.Log.FormatTest do
       {bytes, _} = file(@base, @first, @changes)
 
       for size <- 0..(byte_size(bytes) - 1) do
-        reading = read!(binary_part(bytes, 0, size))
-        assert reading.damaged?, "a cut after #{size} bytes"
-        assert_honest(reading, "a cut after #{size} bytes")
+        contents = read!(binary_part(bytes, 0, size))
+        assert contents.damaged?, "a cut after #{size} bytes"
+        assert_honest(contents, "a cut after #{size} bytes")
       end
     end
 
@@ -105,9 +105,9 @@ defmodule BB.Parameter.Store.Log.FormatTest do
 
         for at <- 0..(tail.end_at - 1) do
           lost = :binary.copy(<<unquote(byte)>>, byte_size(bytes) - at)
-          reading = read!(binary_part(bytes, 0, at) <> lost)
-          assert reading.damaged?, "from #{at} on"
-          assert_honest(reading, "from #{at} on")
+          contents = read!(binary_part(bytes, 0, at) <> lost)
+          assert contents.damaged?, "from #{at} on"
+          assert_honest(contents, "from #{at} on")
         end
       end
     end
@@ -128,9 +128,9 @@ defmodule BB.Parameter.Store.Log.FormatTest do
       {bytes, _} = file(@base, @first, @changes)
 
       for {key, value} <- all(), {at, _} <- :binary.matches(bytes, key <> value) do
-        reading = read!(put(bytes, at, "!"))
-        assert reading.lost + reading.base_lost == length(all()) - length(reading.entries)
-        assert (reading.lost + reading.base_lost) in 1..2
+        contents = read!(put(bytes, at, "!"))
+        assert contents.lost + contents.base_lost == length(all()) - length(contents.entries)
+        assert (contents.lost + contents.base_lost) in 1..2
       end
     end
 
@@ -140,8 +140,8 @@ defmodule BB.Parameter.Store.Log.FormatTest do
       {outer, _} = file([{"x", inner}], [{"y", inner}], [])
 
       for at <- 0..200 do
-        reading = read!(put(outer, at, <<Bitwise.bxor(:binary.at(outer, at), 0x10)>>))
-        assert subsequence?(reading.entries, [{"x", inner}, {"y", inner}])
+        contents = read!(put(outer, at, <<Bitwise.bxor(:binary.at(outer, at), 0x10)>>))
+        assert subsequence?(contents.entries, [{"x", inner}, {"y", inner}])
       end
     end
 
@@ -157,13 +157,13 @@ defmodule BB.Parameter.Store.Log.FormatTest do
 
   describe "a write that was broken off" do
     test "at any byte is no damage, and its change is not there in part" do
-      {before, reading} = file(@base, @first, @changes)
+      {before, contents} = file(@base, @first, @changes)
       change = [{"f", String.duplicate("long", 20)}, {"g", ""}]
-      {:ok, write, _} = Format.append(reading, change)
+      {:ok, write, _} = Format.append(contents, change)
       write = IO.iodata_to_binary(write)
 
       for size <- 0..byte_size(write) do
-        torn = read!(put(before, reading.end_at, binary_part(write, 0, size)))
+        torn = read!(put(before, contents.end_at, binary_part(write, 0, size)))
         assert torn.entries in [all(), all() ++ change]
         assert torn.entries == all() or size >= byte_size(write) - 13
         # Exactly between the frame and the end it looks as if the rest had been lost.
@@ -172,10 +172,10 @@ defmodule BB.Parameter.Store.Log.FormatTest do
     end
 
     test "is no damage either when it went over blocks, or its last blocks came first" do
-      {before, reading} = file(@base, @first, [[{"f", :binary.copy(<<0xA5>>, 50)}]])
-      {:ok, write, _} = Format.append(reading, [{"g", :binary.copy(<<0x5A>>, 3_000)}])
+      {before, contents} = file(@base, @first, [[{"f", :binary.copy(<<0xA5>>, 50)}]])
+      {:ok, write, _} = Format.append(contents, [{"g", :binary.copy(<<0x5A>>, 3_000)}])
       write = IO.iodata_to_binary(write)
-      whole = put(before, reading.end_at, write)
+      whole = put(before, contents.end_at, write)
       entries = read!(before).entries
 
       for block <- 512..(byte_size(before) - 512)//512 do
@@ -183,23 +183,23 @@ defmodule BB.Parameter.Store.Log.FormatTest do
         last = binary_part(before, 0, block) <> binary_part(whole, block, 4_096 - block)
 
         for torn <- [first, last] do
-          reading = read!(torn)
-          refute reading.damaged?
-          assert reading.entries in [entries, read!(whole).entries]
+          contents = read!(torn)
+          refute contents.damaged?
+          assert contents.entries in [entries, read!(whole).entries]
         end
       end
     end
 
     test "of values that end as the filling does is not accepted without its end" do
-      {before, reading} = file(@base, @first, [])
+      {before, contents} = file(@base, @first, [])
 
       {:ok, write, _} =
-        Format.append(reading, [{"z", :binary.copy(<<:binary.last(before)>>, 100)}])
+        Format.append(contents, [{"z", :binary.copy(<<:binary.last(before)>>, 100)}])
 
       write = IO.iodata_to_binary(write)
 
       for size <- 1..(byte_size(write) - 14) do
-        torn = read!(put(before, reading.end_at, binary_part(write, 0, size)))
+        torn = read!(put(before, contents.end_at, binary_part(write, 0, size)))
         assert torn.entries == @base ++ @first
       end
     end
@@ -211,21 +211,21 @@ defmodule BB.Parameter.Store.Log.FormatTest do
       changes = Enum.map(changes, encode)
 
       {bytes, written} =
-        Enum.reduce(changes, file(encode.(base), [], []), fn change, {bytes, reading} ->
-          case Format.append(reading, change) do
+        Enum.reduce(changes, file(encode.(base), [], []), fn change, {bytes, contents} ->
+          case Format.append(contents, change) do
             {:ok, _, _} ->
-              append(change, {bytes, reading})
+              append(change, {bytes, contents})
 
             :full ->
-              {bytes, reading} = Format.new(9, read!(bytes).entries, change)
-              {IO.iodata_to_binary(bytes), reading}
+              {bytes, contents} = Format.new(9, read!(bytes).entries, change)
+              {IO.iodata_to_binary(bytes), contents}
           end
         end)
 
-      reading = read!(bytes)
+      contents = read!(bytes)
 
-      reading.entries == List.flatten([encode.(base) | changes]) and
-        reading.end_at == written.end_at and not reading.damaged?
+      contents.entries == List.flatten([encode.(base) | changes]) and
+        contents.end_at == written.end_at and not contents.damaged?
     end
   end
 end

@@ -1,15 +1,15 @@
-defmodule BB.Parameter.Store.Host do
+defmodule BB.Parameter.Store.Worker do
   @moduledoc """
   The process in which a store's callbacks run, and the one place that calls them. Whatever a
   callback does is a result for the caller, within bounded time.
 
-  A host is linked to the process that started it. One that has been killed, for a callback that
+  A worker is linked to the process that started it. One that has been killed, for a callback that
   did not return, is of no further use; the store is opened anew in another.
   """
 
   @type failure :: {:error, reason :: term()} | {:gone, reason :: term()}
 
-  @doc "Starts a host."
+  @doc "Starts a worker."
   @spec start_link() :: pid()
   def start_link do
     parent = self()
@@ -17,15 +17,15 @@ defmodule BB.Parameter.Store.Host do
   end
 
   @doc """
-  What `fun` returns, run by the host: `{:ok, value}`. `{:error, reason}` when it raised, threw or
-  exited. `{:gone, reason}` when the host died of it, or was killed since there was no answer
+  What `fun` returns, run by the worker: `{:ok, value}`. `{:error, reason}` when it raised, threw or
+  exited. `{:gone, reason}` when the worker died of it, or was killed since there was no answer
   within `timeout_ms`.
   """
   @spec call(pid(), (() -> value), timeout_ms :: pos_integer()) :: {:ok, value} | failure()
         when value: term()
-  def call(host, fun, timeout_ms) do
-    ref = Process.monitor(host)
-    send(host, {:call, self(), ref, fun})
+  def call(worker, fun, timeout_ms) do
+    ref = Process.monitor(worker)
+    send(worker, {:call, self(), ref, fun})
 
     receive do
       {^ref, result} ->
@@ -36,28 +36,28 @@ defmodule BB.Parameter.Store.Host do
         {:gone, {:exit, reason}}
     after
       timeout_ms ->
-        kill(host, ref)
+        kill(worker, ref)
         {:gone, {:timeout, timeout_ms}}
     end
   end
 
-  @doc "Ends a host that is not busy, and with it what is linked to it."
+  @doc "Ends a worker that is not busy, and with it what is linked to it."
   @spec stop(pid()) :: :ok
-  def stop(host) do
-    ref = Process.monitor(host)
-    Process.exit(host, :shutdown)
+  def stop(worker) do
+    ref = Process.monitor(worker)
+    Process.exit(worker, :shutdown)
 
     # Unless it or the store's own code traps exits.
     receive do
       {:DOWN, ^ref, :process, _host, _reason} -> :ok
     after
-      100 -> kill(host, ref)
+      100 -> kill(worker, ref)
     end
   end
 
-  # An answer that comes at the last moment is in the mailbox when the host is down.
-  defp kill(host, ref) do
-    Process.exit(host, :kill)
+  # An answer that comes at the last moment is in the mailbox when the worker is down.
+  defp kill(worker, ref) do
+    Process.exit(worker, :kill)
 
     receive do
       {:DOWN, ^ref, :process, _host, _reason} -> :ok

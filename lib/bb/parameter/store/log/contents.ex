@@ -1,4 +1,4 @@
-defmodule BB.Parameter.Store.Log.Reading do
+defmodule BB.Parameter.Store.Log.Contents do
   @moduledoc """
   What stands in a file of `BB.Parameter.Store.Log`, as `BB.Parameter.Store.Log.Format.read/1`
   found it. Pure.
@@ -43,37 +43,37 @@ defmodule BB.Parameter.Store.Log.Reading do
 
   @doc "Adds a frame: the values in it, and the number of values that stand before it."
   @spec take(t(), non_neg_integer(), [Entry.t()]) :: t()
-  def take(reading, before, entries) do
-    reading = miss(reading, before)
-    newest_first = Enum.reverse(entries, reading.entries)
-    %{reading | entries: newest_first, values: reading.values + length(entries)}
+  def take(contents, before, entries) do
+    contents = miss(contents, before)
+    newest_first = Enum.reverse(entries, contents.entries)
+    %{contents | entries: newest_first, values: contents.values + length(entries)}
   end
 
   @doc "The file ends here, after `before` values."
   @spec finish(t(), non_neg_integer(), non_neg_integer()) :: t()
-  def finish(reading, before, end_at) do
-    reading = miss(reading, before)
-    %{reading | entries: Enum.reverse(reading.entries), end_at: end_at}
+  def finish(contents, before, end_at) do
+    contents = miss(contents, before)
+    %{contents | entries: Enum.reverse(contents.entries), end_at: end_at}
   end
 
   @doc "The file breaks off: nobody knows what stood in the rest."
   @spec break_off(t()) :: t()
-  def break_off(reading) do
-    reading = miss(reading, reading.base || 0)
-    %{reading | entries: Enum.reverse(reading.entries), lost: :unknown, damaged?: true}
+  def break_off(contents) do
+    contents = miss(contents, contents.base || 0)
+    %{contents | entries: Enum.reverse(contents.entries), lost: :unknown, damaged?: true}
   end
 
   # Frames count what stands before them, so what could not be read is a gap.
-  defp miss(%{values: values} = reading, before) when before > values do
-    of_base = max(min(before, reading.base || 0) - values, 0)
+  defp miss(%{values: values} = contents, before) when before > values do
+    of_base = max(min(before, contents.base || 0) - values, 0)
 
     %{
-      reading
+      contents
       | values: before,
-        base_lost: reading.base_lost + of_base,
-        lost: reading.lost + before - values - of_base
+        base_lost: contents.base_lost + of_base,
+        lost: contents.lost + before - values - of_base
     }
   end
 
-  defp miss(reading, _before), do: reading
+  defp miss(contents, _before), do: contents
 end

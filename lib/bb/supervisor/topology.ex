@@ -1,4 +1,4 @@
-defmodule BB.Supervisor.Part do
+defmodule BB.Supervisor.Topology do
   @moduledoc """
   The supervisor of one part of a robot: of the robot's topology as a whole, of a link or of a joint.
 

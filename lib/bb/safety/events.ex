@@ -1,4 +1,4 @@
-defmodule BB.Safety.Announcer do
+defmodule BB.Safety.Events do
   @moduledoc "Tells the world how a robot's safety changes: message, telemetry, log. Runs in the robot's warden."
 
   require Logger
@@ -47,9 +47,9 @@ defmodule BB.Safety.Announcer do
   @doc """
   A failure in words.
 
-      iex> BB.Safety.Announcer.words({[:base, :servo], {:timeout, 5_000}})
+      iex> BB.Safety.Events.words({[:base, :servo], {:timeout, 5_000}})
       "[:base, :servo] did not return within 5000 ms"
-      iex> BB.Safety.Announcer.words({[:base, :servo], {:returned_error, :enodev}})
+      iex> BB.Safety.Events.words({[:base, :servo], {:returned_error, :enodev}})
       "[:base, :servo] returned {:error, :enodev}"
   """
   @spec words(Round.failure()) :: String.t()
