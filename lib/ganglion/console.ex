@@ -30,7 +30,7 @@ defmodule Ganglion.Console do
 
   alias BB.Bus.I2C
   alias BB.Firmware.{Board, Gate, Guard, Robots, Story, Trial}
-  alias BB.Firmware.Guard.Report
+  alias BB.Firmware.Trial.Findings
   alias BB.{Parameter, PubSub, Ring, Safety, Sensor}
   alias Ganglion.Console.{Plain, Reading, Table}
 
@@ -124,7 +124,7 @@ defmodule Ganglion.Console do
   reverted was, and what happened to the board of late.
   """
   @spec firmware(GenServer.server(), Path.t()) :: printed()
-  def firmware(guard \\ Guard, folder \\ Story.folder()) do
+  def firmware(guard \\ Guard, folder \\ Guard.folder()) do
     safely(fn ->
       board = Board.configured()
       rows = for {name, value} <- Enum.sort(Board.firmware(board)), do: [name, value]
@@ -135,7 +135,7 @@ defmodule Ganglion.Console do
           other_rows(folder, board) ++ guard_rows(Guard.state(guard)) ++ application_rows()
 
       put(Table.render(["firmware", ""], rows))
-      _ = if text = Report.read(folder, :reverted), do: print_report(text)
+      _ = if text = Findings.read(folder, :reverted), do: print_report(text)
       print_story(Story.recent(folder, @events))
     end)
   end
@@ -149,7 +149,7 @@ defmodule Ganglion.Console do
   then is an update.
   """
   @spec revert(Path.t()) :: printed()
-  def revert(folder \\ Story.folder()) do
+  def revert(folder \\ Guard.folder()) do
     safely(fn ->
       board = Board.configured()
 
@@ -267,8 +267,13 @@ defmodule Ganglion.Console do
 
   defp guard_rows({:ok, state}) do
     left = if state.left_ms, do: [["decides within", "#{div(state.left_ms, 1_000)} s"]], else: []
-    reasons = for {check, reason} <- state.reasons, do: [Report.name(check), Report.words(reason)]
-    missing = for {check, words} <- state.missing, do: [Report.name(check), "optional; " <> words]
+
+    reasons =
+      for {check, reason} <- state.reasons, do: [Findings.name(check), Findings.words(reason)]
+
+    missing =
+      for {check, words} <- state.missing, do: [Findings.name(check), "optional; " <> words]
+
     [["guard", state.phase]] ++ left ++ reasons ++ missing
   end
 

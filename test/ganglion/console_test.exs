@@ -195,7 +195,7 @@ defmodule Ganglion.ConsoleTest do
       missing: []
     }
 
-    :ok = BB.Firmware.Guard.Report.write(folder, report)
+    :ok = BB.Firmware.Trial.Findings.write(folder, report)
 
     assert shown(fn -> Console.firmware(:no_guard, folder) end) =~
              "required: ring: was never good"

@@ -7,7 +7,7 @@ defmodule BB.Test.Killed do
   import BB.Test.Eventually
 
   alias BB.Firmware.Applications
-  alias BB.Firmware.Applications.Keeper
+  alias BB.Firmware.Applications.Restarter
   alias BB.Firmware.Board.Memory
   alias BB.Test.Shoehorn
 
@@ -35,15 +35,15 @@ defmodule BB.Test.Killed do
     for {key, value} <- [{:board, board}, {:robot, robot}, {BB.Firmware.Guard, [folder: folder]}],
         do: Application.put_env(:ganglion, key, value)
 
-    {:ok, keeper} =
-      Keeper.start(
+    {:ok, restarter} =
+      Restarter.start(
         pauses_ms: List.duplicate(0, kills - 1),
         expected: [:ganglion],
         board: board,
         folder: folder
       )
 
-    Shoehorn.start(Applications, keeper, [:ganglion])
+    Shoehorn.start(Applications, restarter, [:ganglion])
     {:ok, _} = Application.ensure_all_started(:ganglion)
     again = for _ <- 2..kills, do: kill_and_wait(robot)
     kill()

@@ -3,7 +3,7 @@ defmodule BB.Test.Network do
 
   use Agent
 
-  @behaviour BB.Firmware.Network.Source
+  @behaviour BB.Firmware.Network.Adapter
 
   def start_link(state), do: Agent.start_link(fn -> {state, []} end)
 
@@ -15,24 +15,24 @@ defmodule BB.Test.Network do
     end)
   end
 
-  @impl BB.Firmware.Network.Source
+  @impl BB.Firmware.Network.Adapter
   def subscribe(network) do
     me = self()
     Agent.update(network, fn {state, subscribers} -> {state, [me | subscribers]} end)
   end
 
-  @impl BB.Firmware.Network.Source
+  @impl BB.Firmware.Network.Adapter
   def state(network), do: Agent.get(network, &elem(&1, 0))
 
-  @impl BB.Firmware.Network.Source
+  @impl BB.Firmware.Network.Adapter
   def change(network, {__MODULE__, network, state}), do: {:ok, state}
   def change(_network, _message), do: :error
 
   # Tells the process that has started the network, as the board in memory tells one.
-  @impl BB.Firmware.Network.Source
+  @impl BB.Firmware.Network.Adapter
   def name(network, name), do: tell(network, {:name, name})
 
-  @impl BB.Firmware.Network.Source
+  @impl BB.Firmware.Network.Adapter
   def join(network, wifi), do: tell(network, {:join, wifi})
 
   defp tell(network, what) do

@@ -55,7 +55,7 @@ defmodule BB.Firmware.Gate do
   options, no more: on a board whose application does not run, an update is what repairs it, so it
   is let in by the same rules, with the options of the configuration (`config :ganglion,
   BB.Firmware.Gate`). What no application holds is held elsewhere: who uploads, by a process of
-  its own (`BB.Firmware.Gate.Holder`); what is armed, by the tables of `BB.Safety`, without which
+  its own (`BB.Firmware.Gate.LockServer`); what is armed, by the tables of `BB.Safety`, without which
   nothing is.
 
   ## Options
@@ -68,8 +68,8 @@ defmodule BB.Firmware.Gate do
 
   require Logger
 
-  alias BB.Firmware.{Board, Robots, Story, Trial}
-  alias BB.Firmware.Gate.{Decision, Holder}
+  alias BB.Firmware.{Board, Guard, Robots, Story, Trial}
+  alias BB.Firmware.Gate.{LockServer, Precheck}
 
   @call_timeout_ms 5_000
 
@@ -117,7 +117,7 @@ defmodule BB.Firmware.Gate do
 
   # Whatever of it fails, the board restarts.
   defp leave_no_way_back(settings) do
-    Holder.written(settings)
+    LockServer.written(settings)
     Robots.disarm(settings.robots)
     _ = Trial.written(settings.folder)
     _ = Story.tell(settings.folder, "an update was written; the board restarts with it")
@@ -133,13 +133,13 @@ defmodule BB.Firmware.Gate do
   anything else.
   """
   @spec busy?(GenServer.server()) :: boolean()
-  def busy?(gate \\ __MODULE__), do: Holder.lock(names(gate)) != :free
+  def busy?(gate \\ __MODULE__), do: LockServer.lock(names(gate)) != :free
 
   @impl GenServer
   def init(opts) do
     settings = opts |> Map.new() |> complete()
     robots = [opts[:robot]]
-    _ = if Holder.adopt(%{settings | robots: robots}) == :free, do: Holder.allow(robots)
+    _ = if LockServer.adopt(%{settings | robots: robots}) == :free, do: LockServer.allow(robots)
     {:ok, settings}
   end
 
@@ -184,7 +184,7 @@ defmodule BB.Firmware.Gate do
       gate: Map.get(opts, :gate, :there),
       robots: List.wrap(opts[:robot]),
       board: opts[:board] || Board.configured(),
-      folder: opts[:folder] || Story.folder(),
+      folder: opts[:folder] || Guard.folder(),
       key: opts.public_key,
       settle_ms: opts.settle_ms,
       names: names(opts.name)
@@ -193,11 +193,11 @@ defmodule BB.Firmware.Gate do
 
   # First nobody else can enter and nobody can arm a robot, then it is seen whether one is armed.
   defp enter(settings) do
-    with :ok <- Holder.enter(settings) do
-      Holder.inhibit(settings.robots)
-      decided(Decision.decide(facts(settings)), settings)
+    with :ok <- LockServer.enter(settings) do
+      LockServer.inhibit(settings.robots)
+      decided(Precheck.decide(facts(settings)), settings)
     else
-      {:error, refusal} -> Decision.decide(%{lock: {:error, refusal}})
+      {:error, refusal} -> Precheck.decide(%{lock: {:error, refusal}})
     end
   end
 
@@ -217,7 +217,7 @@ defmodule BB.Firmware.Gate do
   end
 
   defp decided(refused, settings) do
-    Holder.leave(settings)
+    LockServer.leave(settings)
     refused
   end
 
@@ -232,7 +232,7 @@ defmodule BB.Firmware.Gate do
   end
 
   defp names(name) when is_atom(name) and name != nil,
-    do: {Module.concat(name, "Lock"), Module.concat(name, "Holder")}
+    do: {Module.concat(name, "Lock"), Module.concat(name, "Uploader")}
 
   defp names(_name), do: names(__MODULE__)
 

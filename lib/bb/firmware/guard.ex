@@ -1,4 +1,6 @@
 defmodule BB.Firmware.Guard do
+  @folder "/data/guard"
+
   @schema BB.Options.new!(
             robot: [type: :module, required: true, doc: "The robot that has to work."],
             name: [type: :any, default: __MODULE__, doc: "The name of the process."],
@@ -8,7 +10,7 @@ defmodule BB.Firmware.Guard do
             ],
             network: [
               type: {:tuple, [:module, :any]},
-              doc: "`BB.Firmware.Network.Source`; the configured one."
+              doc: "`BB.Firmware.Network.Adapter`; the configured one."
             ],
             reach: [
               type: {:in, [:none, :lan, :internet]},
@@ -31,7 +33,7 @@ defmodule BB.Firmware.Guard do
               doc: "How old a sample may be, and how long a check may say nothing."
             ],
             poll_ms: [type: :pos_integer, default: 250, doc: "Milliseconds between two looks."],
-            folder: [type: :string, default: "/data/guard", doc: "Where reports are written."],
+            folder: [type: :string, default: @folder, doc: "Where reports are written."],
             topic: [
               type: :string,
               default: "firmware_guard",
@@ -53,7 +55,7 @@ defmodule BB.Firmware.Guard do
     * a message on the pubsub and one on the ring came back to the guard,
     * the network reaches as far as wanted.
 
-  Otherwise, at the deadline, the reasons are written to a report (`BB.Firmware.Guard.Report`) and the board reverts. Sensors that are
+  Otherwise, at the deadline, the reasons are written to a report (`BB.Firmware.Trial.Findings`) and the board reverts. Sensors that are
   not required may be absent: the report and the log tell of them, no more.
 
   Nothing happens to firmware that is validated already. On a board that knows no such state
@@ -62,7 +64,7 @@ defmodule BB.Firmware.Guard do
   guard waits for as well, so that there is a reason also where the guard has not come as far as
   to revert.
 
-  `BB.Firmware.Guard.Decision` decides, this process acts. Its deadline counts from the start of the VM, so that a guard that crashes
+  `BB.Firmware.Guard.Validation` decides, this process acts. Its deadline counts from the start of the VM, so that a guard that crashes
   again and again decides too; when even the guard is gone, the heart stops (`BB.Firmware.Guard.Heart`) and the board restarts.
 
   Nerves has a guard of its own, which validates as soon as all applications have started. It has to be off
@@ -79,8 +81,9 @@ defmodule BB.Firmware.Guard do
   require Logger
 
   alias BB.Firmware.{Board, Story, Trial}
-  alias BB.Firmware.Guard.{Checks, Decision, Heart, Report}
-  alias BB.Firmware.Network.Source
+  alias BB.Firmware.Guard.{Checks, Heart, Validation}
+  alias BB.Firmware.Network.Adapter
+  alias BB.Firmware.Trial.Findings
 
   @call_timeout_ms 1_000
   @note_ms 15_000
@@ -91,10 +94,10 @@ defmodule BB.Firmware.Guard do
   `left_ms` is how long the deadline is away, while there is one.
   """
   @type state :: %{
-          phase: Decision.phase(),
-          status: Decision.status() | nil,
-          reasons: [{Decision.check(), Decision.reason()}],
-          missing: [{Decision.check(), String.t()}],
+          phase: Validation.phase(),
+          status: Validation.status() | nil,
+          reasons: [{Validation.check(), Validation.reason()}],
+          missing: [{Validation.check(), String.t()}],
           left_ms: integer() | nil
         }
 
@@ -113,6 +116,10 @@ defmodule BB.Firmware.Guard do
     :exit, _reason -> {:error, :not_running}
   end
 
+  @doc "Returns the folder of the guard's files, from the configuration of the guard."
+  @spec folder() :: Path.t()
+  def folder, do: Keyword.get(Application.get_env(:ganglion, __MODULE__, []), :folder, @folder)
+
   @impl GenServer
   def init(opts) do
     # So that terminate/2 runs, and the topic ends with the guard.
@@ -121,13 +128,13 @@ defmodule BB.Firmware.Guard do
     checks =
       Checks.new(opts[:robot],
         topic: topic(opts[:robot], opts[:topic]),
-        network: opts[:network] || Source.configured(),
+        network: opts[:network] || Adapter.configured(),
         reach: opts[:reach],
         fresh_ms: opts[:fresh_ms]
       )
 
-    decision =
-      Decision.new(
+    validation =
+      Validation.new(
         required: Checks.required(checks),
         stability_ms: opts[:stability_ms],
         fresh_ms: opts[:fresh_ms],
@@ -139,7 +146,7 @@ defmodule BB.Firmware.Guard do
       folder: opts[:folder],
       poll_ms: opts[:poll_ms],
       checks: checks,
-      decision: decision,
+      validation: validation,
       noted_ms: nil
     }
 
@@ -161,23 +168,23 @@ defmodule BB.Firmware.Guard do
   def handle_info(:look, state), do: {:noreply, look(state)}
 
   def handle_info(message, state) do
-    if Decision.over?(state.decision),
+    if Validation.over?(state.validation),
       do: {:noreply, state},
       else: {:noreply, Enum.reduce(Checks.heard(state.checks, message), state, &happen/2)}
   end
 
   @impl GenServer
   def handle_call(:state, _from, state) do
-    decision = state.decision
-    watching? = decision.phase in [:watching, :validating]
+    validation = state.validation
+    watching? = validation.phase in [:watching, :validating]
 
     {:reply,
      %{
-       phase: decision.phase,
-       status: decision.status,
-       reasons: if(watching?, do: Decision.reasons(decision, now_ms()), else: []),
+       phase: validation.phase,
+       status: validation.status,
+       reasons: if(watching?, do: Validation.reasons(validation, now_ms()), else: []),
        missing: Checks.missing(state.checks),
-       left_ms: if(watching?, do: decision.deadline_ms - now_ms())
+       left_ms: if(watching?, do: validation.deadline_ms - now_ms())
      }, state}
   end
 
@@ -187,7 +194,7 @@ defmodule BB.Firmware.Guard do
   # It goes on looking only as long as something depends on it.
   defp look(state) do
     state = ask(state)
-    if Decision.over?(state.decision), do: rest(state), else: look_again(state)
+    if Validation.over?(state.validation), do: rest(state), else: look_again(state)
   end
 
   defp rest(state), do: %{state | checks: Checks.close(state.checks)}
@@ -200,7 +207,7 @@ defmodule BB.Firmware.Guard do
 
   # Where the start could not look at the marker, as the board did not answer yet, it is done
   # here.
-  defp ask(%{decision: %{phase: :asking}} = state) do
+  defp ask(%{validation: %{phase: :asking}} = state) do
     _ = Trial.begin(state.folder, state.board)
     happen({:status, Trial.status(state.folder, state.board)}, state)
   end
@@ -213,22 +220,22 @@ defmodule BB.Firmware.Guard do
 
   defp note(state, now_ms) do
     waits =
-      for reason <- Decision.reasons(state.decision, now_ms), do: "required: " <> said(reason)
+      for reason <- Validation.reasons(state.validation, now_ms), do: "required: " <> said(reason)
 
-    left_s = div(state.decision.deadline_ms - now_ms, 1_000)
+    left_s = div(state.validation.deadline_ms - now_ms, 1_000)
     _ = Trial.note(state.folder, ["the guard had #{left_s} s left" | waits])
     %{state | noted_ms: now_ms}
   end
 
-  defp said({check, reason}), do: "#{Report.name(check)}: #{Report.words(reason)}"
+  defp said({check, reason}), do: "#{Findings.name(check)}: #{Findings.words(reason)}"
 
   defp happen(event, state) do
-    {decision, effects} = Decision.handle(state.decision, event, now_ms())
-    Enum.reduce(effects, %{state | decision: decision}, &act/2)
+    {validation, effects} = Validation.handle(state.validation, event, now_ms())
+    Enum.reduce(effects, %{state | validation: validation}, &act/2)
   end
 
   defp act(:set_heart, state) do
-    :ok = Heart.wind(state.decision.deadline_ms)
+    :ok = Heart.wind(state.validation.deadline_ms)
     told(Board.set_heart(state.board, Heart.callback()), "the heart's callback was not set")
     state
   end
@@ -254,7 +261,7 @@ defmodule BB.Firmware.Guard do
   # It may never return.
   defp act(:revert, state) do
     report(state, :reverted)
-    reasons = Enum.map_join(Decision.reasons(state.decision, now_ms()), "; ", &said/1)
+    reasons = Enum.map_join(Validation.reasons(state.validation, now_ms()), "; ", &said/1)
     _ = Trial.verdict(state.folder, @by)
 
     _ =
@@ -271,12 +278,13 @@ defmodule BB.Firmware.Guard do
       by: if(outcome == :reverted, do: @by),
       at: DateTime.utc_now(),
       firmware: Board.firmware(state.board),
-      reasons: if(outcome == :reverted, do: Decision.reasons(state.decision, now_ms()), else: []),
+      reasons:
+        if(outcome == :reverted, do: Validation.reasons(state.validation, now_ms()), else: []),
       missing: Checks.missing(state.checks)
     }
 
-    if outcome == :reverted or report.missing != [], do: Logger.warning(Report.text(report))
-    told(Report.write(state.folder, report), "no report was written to #{state.folder}")
+    if outcome == :reverted or report.missing != [], do: Logger.warning(Findings.text(report))
+    told(Findings.write(state.folder, report), "no report was written to #{state.folder}")
   end
 
   defp version(state), do: Board.firmware(state.board)["nerves_fw_version"] || "that runs"

@@ -18,7 +18,7 @@ defmodule BB.Firmware.Init do
   keep what it cannot read.
   """
 
-  alias BB.Firmware.{Attempt, Board, HostKeys, Story, Trial}
+  alias BB.Firmware.{Attempt, Board, Guard, HostKeys, Trial}
   alias Nerves.Runtime.Init
 
   # It is there on boards alone, and there the compiler shall check what is called.
@@ -41,7 +41,7 @@ defmodule BB.Firmware.Init do
   @spec start_link(keyword()) :: :ignore
   def start_link(opts \\ []) do
     board = opts[:board] || Board.configured()
-    folder = opts[:folder] || Story.folder()
+    folder = opts[:folder] || Guard.folder()
     mount = opts[:mount] || (&Init.init_application_partition/0)
 
     for {what, fun, limits} <- [

@@ -4,7 +4,7 @@ defmodule BB.Firmware.Network do
             name: [type: :any, default: __MODULE__, doc: "The name of the process."],
             source: [
               type: {:tuple, [:module, :any]},
-              doc: "`BB.Firmware.Network.Source`; the configured one."
+              doc: "`BB.Firmware.Network.Adapter`; the configured one."
             ],
             period_ms: [
               type: :pos_integer,
@@ -42,7 +42,7 @@ defmodule BB.Firmware.Network do
 
   require Logger
 
-  alias BB.Firmware.Network.{Operator, Source}
+  alias BB.Firmware.Network.{Adapter, Operator}
   alias BB.{Message, PubSub, Safety}
   alias BB.Message.Network.Connection
 
@@ -70,7 +70,7 @@ defmodule BB.Firmware.Network do
 
   @impl GenServer
   def init(opts) do
-    source = opts[:source] || Source.configured()
+    source = opts[:source] || Adapter.configured()
 
     state = %{
       robot: opts[:robot],
@@ -103,7 +103,7 @@ defmodule BB.Firmware.Network do
     do: {:noreply, %{state | disarming: nil}}
 
   def handle_info(message, state) do
-    case Source.change(state.source, message) do
+    case Adapter.change(state.source, message) do
       {:ok, connection} -> {:noreply, publish(%{state | connection: connection})}
       :error -> {:noreply, state}
     end
@@ -127,7 +127,7 @@ defmodule BB.Firmware.Network do
   defp listen(%{heard?: true} = state), do: state
 
   defp listen(state) do
-    %{state | connection: Source.subscribe(state.source), heard?: true}
+    %{state | connection: Adapter.subscribe(state.source), heard?: true}
   rescue
     _error -> state
   catch

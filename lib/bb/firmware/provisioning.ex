@@ -17,7 +17,7 @@ defmodule BB.Firmware.Provisioning do
   require Logger
 
   alias BB.Firmware.{Attempt, Board}
-  alias BB.Firmware.Network.Source
+  alias BB.Firmware.Network.Adapter
 
   @limit_ms 10_000
 
@@ -31,7 +31,7 @@ defmodule BB.Firmware.Provisioning do
   """
   @spec start_link(keyword()) :: :ignore
   def start_link(opts) do
-    network = opts[:network] || Source.configured()
+    network = opts[:network] || Adapter.configured()
     board = opts[:board] || Board.configured()
     once = [attempts: 1, limit_ms: opts[:limit_ms] || @limit_ms]
 
@@ -55,7 +55,7 @@ defmodule BB.Firmware.Provisioning do
       iex> BB.Firmware.Provisioning.steps(%{"wifi_passphrase" => "of no network"})
       []
   """
-  @spec steps(%{String.t() => String.t()}) :: [name: String.t(), join: Source.wifi()]
+  @spec steps(%{String.t() => String.t()}) :: [name: String.t(), join: Adapter.wifi()]
   def steps(told) do
     wifi = for ssid <- List.wrap(told["wifi_ssid"]), do: {:join, wifi(ssid, told)}
     for(name <- List.wrap(told["name"]), do: {:name, name}) ++ wifi
@@ -65,11 +65,11 @@ defmodule BB.Firmware.Provisioning do
     do: %{ssid: ssid, passphrase: told["wifi_passphrase"], country: told["wifi_country"]}
 
   defp take({:name, name}, network),
-    do: told(Source.name(network, name), "the name #{inspect(name)} was not taken")
+    do: told(Adapter.name(network, name), "the name #{inspect(name)} was not taken")
 
   defp take({:join, wifi}, network),
     do:
-      told(unnamed(Source.join(network, wifi)), "the Wi-Fi #{inspect(wifi.ssid)} was not set up")
+      told(unnamed(Adapter.join(network, wifi)), "the Wi-Fi #{inspect(wifi.ssid)} was not set up")
 
   # Whatever is no plain word may have the passphrase in it.
   defp unnamed({:error, reason}) when not is_atom(reason), do: {:error, :refused}

@@ -44,11 +44,5 @@ defmodule BB.Firmware.Story do
     end
   end
 
-  @doc "The folder that the configuration of the guard names."
-  @spec folder() :: Path.t()
-  def folder do
-    Keyword.get(Application.get_env(:ganglion, BB.Firmware.Guard, []), :folder, "/data/guard")
-  end
-
   defp file(folder), do: Path.join(folder, "story.txt")
 end

@@ -6,7 +6,7 @@ defmodule BB.Firmware.Trial do
   heart or watchdog restarted the board - tells nobody. So a marker is written to the guard's
   folder before the first restart (`accepted/3`, `written/1`), the new firmware writes into it
   that it has started (`begin/3`), and whichever firmware starts next sees from it what happened.
-  Each revert leaves a report (`BB.Firmware.Guard.Report`) and a line of the story
+  Each revert leaves a report (`BB.Firmware.Trial.Findings`) and a line of the story
   (`BB.Firmware.Story`), whoever made it.
 
   A board without a fallback of its own (x86_64) says `:validated` or `:unknown` of an update too.
@@ -21,7 +21,7 @@ defmodule BB.Firmware.Trial do
   """
 
   alias BB.Firmware.{Board, Kept, Story}
-  alias BB.Firmware.Guard.Report
+  alias BB.Firmware.Trial.Findings
   alias BB.Firmware.Trial.Marker
 
   @first "ganglion trial 1\n"
@@ -162,7 +162,7 @@ defmodule BB.Firmware.Trial do
   end
 
   defp report(folder, firmware, by, notes) do
-    Report.write(folder, %{
+    Findings.write(folder, %{
       outcome: :reverted,
       at: DateTime.utc_now(),
       firmware: firmware,

@@ -10,7 +10,7 @@ defmodule BB.Firmware.ApplicationsTest do
   import BB.Test.Eventually
 
   alias BB.Firmware.Applications
-  alias BB.Firmware.Applications.Keeper
+  alias BB.Firmware.Applications.Restarter
   alias BB.Firmware.Board.Memory
   alias BB.Firmware.{Story, Trial}
   alias BB.Test.{Killed, Shoehorn}
@@ -50,15 +50,15 @@ defmodule BB.Firmware.ApplicationsTest do
 
     Map.merge(
       %{app: app, dependent: dependent, memory: memory, folder: context.tmp_dir},
-      keeper(context.tmp_dir, memory, [app, dependent], [])
+      restarter(context.tmp_dir, memory, [app, dependent], [])
     )
   end
 
-  defp keeper(folder, memory, apps, opts) do
+  defp restarter(folder, memory, apps, opts) do
     own = [board: {Memory, memory}, folder: folder, expected: apps, gate: :no_gate]
-    {:ok, keeper} = Keeper.start(opts ++ @pauses ++ own)
-    on_exit(fn -> Process.exit(keeper, :kill) end)
-    %{keeper: keeper, shoehorn: Shoehorn.start(Applications, keeper, apps)}
+    {:ok, restarter} = Restarter.start(opts ++ @pauses ++ own)
+    on_exit(fn -> Process.exit(restarter, :kill) end)
+    %{restarter: restarter, shoehorn: Shoehorn.start(Applications, restarter, apps)}
   end
 
   defp application(dependencies) do
@@ -117,9 +117,9 @@ defmodule BB.Firmware.ApplicationsTest do
     assert_receive {Memory, :reboot}, 30_000
 
     # The next start of the board: the same, but for the cause.
-    other = keeper(folder, memory, [app, dependent], [])
+    other = restarter(folder, memory, [app, dependent], [])
     Application.put_env(app, :fail, false)
-    Keeper.tell(other.keeper, {:ended, app, :no_such_chip})
+    Restarter.tell(other.restarter, {:ended, app, :no_such_chip})
     eventually(fn -> running?(app) and running?(dependent) end, 30_000)
   end
 
@@ -137,46 +137,46 @@ defmodule BB.Firmware.ApplicationsTest do
     %{app: app, memory: memory, folder: folder} = context
 
     for n <- 1..3 do
-      %{keeper: keeper} = keeper(folder, memory, [app], [])
-      for _ <- 1..5, do: Keeper.tell(keeper, {:ended, app, :no_such_chip})
+      %{restarter: restarter} = restarter(folder, memory, [app], [])
+      for _ <- 1..5, do: Restarter.tell(restarter, {:ended, app, :no_such_chip})
       assert_receive {Memory, :reboot}, 30_000
       assert story?(folder, "the board restarts (time #{n})")
     end
 
-    %{keeper: keeper} = keeper(folder, memory, [app], [])
-    for _ <- 1..5, do: Keeper.tell(keeper, {:ended, app, :no_such_chip})
+    %{restarter: restarter} = restarter(folder, memory, [app], [])
+    for _ <- 1..5, do: Restarter.tell(restarter, {:ended, app, :no_such_chip})
     assert_receive {Memory, :init_complete}, 30_000
     eventually(fn -> story?(folder, "stays up for an update") end, 30_000)
     refute_received {Memory, :reboot}
 
     # How it began stays in the story, however long it goes on.
-    for _ <- 1..200, do: Keeper.tell(keeper, {:ended, app, :no_such_chip})
-    _ = :sys.get_state(keeper, 30_000)
+    for _ <- 1..200, do: Restarter.tell(restarter, {:ended, app, :no_such_chip})
+    _ = :sys.get_state(restarter, 30_000)
     assert story?(folder, "the board restarts (time 1)")
     assert Enum.count(Story.recent(folder), &(&1 =~ "stays up for an update")) == 1
 
     Application.stop(app)
     Application.stop(context.dependent)
-    Keeper.tell(keeper, {:ended, app, :no_such_chip})
+    Restarter.tell(restarter, {:ended, app, :no_such_chip})
     eventually(fn -> running?(app) end, 30_000)
   end
 
   test "restarts of the board are forgotten once all has run for a while", context do
     %{app: app, memory: memory, folder: folder} = context
-    for _ <- 1..5, do: Keeper.tell(context.keeper, {:ended, app, :no_such_chip})
+    for _ <- 1..5, do: Restarter.tell(context.restarter, {:ended, app, :no_such_chip})
     assert_receive {Memory, :reboot}, 30_000
     file = Path.join(folder, "restarts.txt")
     assert File.exists?(file)
-    keeper(folder, memory, [app], calm_ms: 1)
+    restarter(folder, memory, [app], calm_ms: 1)
     eventually(fn -> not File.exists?(file) end, 30_000)
   end
 
   test "a board that cannot keep how often it restarts stays up", context do
     %{app: app, memory: memory, folder: folder} = context
     File.write!(Path.join(folder, "file"), "")
-    %{keeper: keeper} = keeper(Path.join(folder, "file"), memory, [app], [])
-    for _ <- 1..5, do: Keeper.tell(keeper, {:ended, app, :no_such_chip})
-    _ = :sys.get_state(keeper, 30_000)
+    %{restarter: restarter} = restarter(Path.join(folder, "file"), memory, [app], [])
+    for _ <- 1..5, do: Restarter.tell(restarter, {:ended, app, :no_such_chip})
+    _ = :sys.get_state(restarter, 30_000)
     refute_received {Memory, _}
   end
 
@@ -186,8 +186,8 @@ defmodule BB.Firmware.ApplicationsTest do
     :ok = Trial.begin(folder, {Memory, memory})
     for _ <- 1..5, do: kill(app)
     assert_receive {Memory, :revert}, 30_000
-    report = BB.Firmware.Guard.Report.read(folder, :reverted)
-    assert report =~ "by the keeper of its applications"
+    report = BB.Firmware.Trial.Findings.read(folder, :reverted)
+    assert report =~ "by the restarter of its applications"
     assert report =~ "#{app} ended"
     refute_received {Memory, :reboot}
   end
@@ -199,19 +199,19 @@ defmodule BB.Firmware.ApplicationsTest do
     File.write!(key, "key")
     own = [board: {Memory, memory}, public_key: key, folder: folder, settle_ms: 0]
     assert {:ok, _} = BB.Firmware.Gate.precheck(gate, own)
-    %{keeper: keeper} = keeper(folder, memory, [app], gate: gate)
-    for _ <- 1..5, do: Keeper.tell(keeper, {:ended, app, :no_such_chip})
-    _ = :sys.get_state(keeper, 30_000)
+    %{restarter: restarter} = restarter(folder, memory, [app], gate: gate)
+    for _ <- 1..5, do: Restarter.tell(restarter, {:ended, app, :no_such_chip})
+    _ = :sys.get_state(restarter, 30_000)
     refute_received {Memory, :reboot}
 
-    BB.Firmware.Gate.Holder.leave(%{
-      names: {Module.concat(gate, Lock), Module.concat(gate, Holder)}
+    BB.Firmware.Gate.LockServer.leave(%{
+      names: {Module.concat(gate, Lock), Module.concat(gate, Uploader)}
     })
 
     assert_receive {Memory, :reboot}, 30_000
   end
 
-  test "keeper and lock belong to no application, whoever starts them", context do
+  test "restarter and lock belong to no application, whoever starts them", context do
     %{app: app, memory: memory, folder: folder} = context
     {:group_leader, group} = Process.info(Process.whereis(app), :group_leader)
     gate = :"gate_#{System.unique_integer([:positive])}"
@@ -225,19 +225,19 @@ defmodule BB.Firmware.ApplicationsTest do
       spawn(fn ->
         before = Process.group_leader()
         Process.group_leader(self(), group)
-        send(test, {Keeper.start(folder: folder), BB.Firmware.Gate.precheck(gate, own)})
+        send(test, {Restarter.start(folder: folder), BB.Firmware.Gate.precheck(gate, own)})
         Process.group_leader(self(), before)
         receive do: (:end -> :ok)
       end)
 
-    assert_receive {{:ok, keeper}, {:ok, _}}, 30_000
+    assert_receive {{:ok, restarter}, {:ok, _}}, 30_000
     lock = Process.whereis(Module.concat(gate, "Lock"))
-    for pid <- [keeper, lock], do: assert(:application.get_application(pid) == :undefined)
+    for pid <- [restarter, lock], do: assert(:application.get_application(pid) == :undefined)
     Application.stop(context.dependent)
     Application.stop(app)
-    for pid <- [keeper, lock], do: assert(Process.alive?(pid))
+    for pid <- [restarter, lock], do: assert(Process.alive?(pid))
     send(uploader, :end)
-    Process.exit(keeper, :kill)
+    Process.exit(restarter, :kill)
   end
 
   test "a board that refuses to restart goes on trying to start what has ended", context do
@@ -265,32 +265,34 @@ defmodule BB.Firmware.ApplicationsTest do
 
       on_exit(fn ->
         Application.delete_env(:ganglion, Applications)
-        if pid = Process.whereis(Keeper), do: Process.exit(pid, :kill)
+        if pid = Process.whereis(Restarter), do: Process.exit(pid, :kill)
       end)
     end
 
     test "is one as shoehorn calls it, and never asks to halt" do
       assert {:ok, state} = Applications.init(init: [:nerves_runtime], handler: Applications)
-      assert Process.whereis(Keeper)
+      assert Process.whereis(Restarter)
       assert {:continue, ^state} = Applications.application_started(:some_app, state)
       assert {:continue, ^state} = Applications.application_exited(:some_app, :stopped, state)
     end
 
-    test "starts its keeper again when that was killed" do
+    test "starts its restarter again when that was killed" do
       {:ok, state} = Applications.init([])
-      keeper = Process.whereis(Keeper)
-      ref = Process.monitor(keeper)
-      Process.exit(keeper, :kill)
-      assert_receive {:DOWN, ^ref, :process, ^keeper, _}, 30_000
+      restarter = Process.whereis(Restarter)
+      ref = Process.monitor(restarter)
+      Process.exit(restarter, :kill)
+      assert_receive {:DOWN, ^ref, :process, ^restarter, _}, 30_000
       assert {:continue, ^state} = Applications.application_exited(:some_app, :stopped, state)
-      _ = :sys.get_state(Keeper)
-      assert Process.whereis(Keeper) not in [nil, keeper]
+      _ = :sys.get_state(Restarter)
+      assert Process.whereis(Restarter) not in [nil, restarter]
     end
 
     test "works with options that are wrong", context do
-      {:ok, keeper} = Keeper.start(pauses_ms: :never, nonsense: true, folder: context.folder)
-      on_exit(fn -> Process.exit(keeper, :kill) end)
-      assert %{} = :sys.get_state(keeper)
+      {:ok, restarter} =
+        Restarter.start(pauses_ms: :never, nonsense: true, folder: context.folder)
+
+      on_exit(fn -> Process.exit(restarter, :kill) end)
+      assert %{} = :sys.get_state(restarter)
     end
   end
 end

@@ -6,7 +6,8 @@ defmodule BB.Firmware.GuardTest do
 
   alias BB.Firmware.Board.Memory
   alias BB.Firmware.Guard
-  alias BB.Firmware.Guard.{Heart, Report}
+  alias BB.Firmware.Guard.Heart
+  alias BB.Firmware.Trial.Findings
   alias BB.Firmware.Trial
   alias BB.Message.Sensor.Range
   alias BB.Test.{Native, Network, Probe}
@@ -135,7 +136,7 @@ defmodule BB.Firmware.GuardTest do
 
     assert {:ok, %{phase: :validated, reasons: [], left_ms: nil}} = Guard.state(guard)
     assert Memory.heart(memory) == nil
-    assert Report.read(context.tmp_dir, :validated) =~ "validated at"
+    assert Findings.read(context.tmp_dir, :validated) =~ "validated at"
     refute_received {Memory, _}
   end
 
@@ -150,7 +151,7 @@ defmodule BB.Firmware.GuardTest do
     refute_received {Memory, :validate}
     assert {:ok, %{phase: :reverting}} = Guard.state(guard)
 
-    assert Report.read(context.tmp_dir, :reverted) =~
+    assert Findings.read(context.tmp_dir, :reverted) =~
              "required: sensor range: backoff: :no_device"
   end
 
@@ -158,7 +159,7 @@ defmodule BB.Firmware.GuardTest do
     robot = quiet()
     {_, _} = guard(context, robot, hopeless([]))
     assert_receive {Memory, :revert}
-    assert Report.read(context.tmp_dir, :reverted) =~ "required: sensor range: was never good"
+    assert Findings.read(context.tmp_dir, :reverted) =~ "required: sensor range: was never good"
   end
 
   test "old samples of a required sensor are no samples", context do
@@ -180,7 +181,7 @@ defmodule BB.Firmware.GuardTest do
     assert_receive {Memory, :init_complete}
     for _ <- 1..10, do: BB.send(robot, :range, :old)
     assert_receive {Memory, :revert}
-    assert Report.read(context.tmp_dir, :reverted) =~ "required: sensor range: was never good"
+    assert Findings.read(context.tmp_dir, :reverted) =~ "required: sensor range: was never good"
   end
 
   for {how, fields, rate} <- [
@@ -214,7 +215,7 @@ defmodule BB.Firmware.GuardTest do
     assert eventually(fn -> health(robot, :slow).state == :up end, 30_000)
     {_, _} = guard(context, robot, hopeless([]))
     assert_receive {Memory, :revert}
-    assert Report.read(context.tmp_dir, :reverted) =~ "required: sensor slow: was never good"
+    assert Findings.read(context.tmp_dir, :reverted) =~ "required: sensor slow: was never good"
   end
 
   defp slow_robot(fields, options) do
@@ -276,7 +277,7 @@ defmodule BB.Firmware.GuardTest do
     assert_receive {Memory, {:clear_heart, _}}
     assert {:ok, %{missing: [{{:sensor, :extra}, _}]}} = Guard.state(guard)
 
-    assert Report.read(context.tmp_dir, :validated) =~
+    assert Findings.read(context.tmp_dir, :validated) =~
              "optional: sensor extra: backoff: :no_device"
   end
 
@@ -287,7 +288,7 @@ defmodule BB.Firmware.GuardTest do
 
     guard(context, robot, hopeless(state: :disconnected))
     assert_receive {Memory, :revert}
-    assert Report.read(context.tmp_dir, :reverted) =~ "network: disconnected, and lan is wanted"
+    assert Findings.read(context.tmp_dir, :reverted) =~ "network: disconnected, and lan is wanted"
 
     stop_supervised!(Guard)
     guard(context, robot, state: :disconnected, reach: :none)
@@ -305,13 +306,13 @@ defmodule BB.Firmware.GuardTest do
     start_supervised!(robot)
     guard(context, robot, stability_ms: 800, deadline_ms: 1_200)
     assert_receive {Memory, :revert}
-    assert Report.read(context.tmp_dir, :reverted) =~ "required: native native: "
+    assert Findings.read(context.tmp_dir, :reverted) =~ "required: native native: "
   end
 
   test "a robot that is not started at all is reverted", context do
     guard(context, declared(), hopeless([]))
     assert_receive {Memory, :revert}
-    assert Report.read(context.tmp_dir, :reverted) =~ "pubsub: "
+    assert Findings.read(context.tmp_dir, :reverted) =~ "pubsub: "
   end
 
   test "a robot that starts after its guard is validated", context do
@@ -332,7 +333,7 @@ defmodule BB.Firmware.GuardTest do
     guard(context, robot, hopeless(topic: topic))
     assert_receive {Memory, :revert}
 
-    assert Report.read(context.tmp_dir, :reverted) =~
+    assert Findings.read(context.tmp_dir, :reverted) =~
              "required: ring: the topic has a live publisher"
 
     BB.Ring.Publisher.close(publisher)
@@ -347,7 +348,7 @@ defmodule BB.Firmware.GuardTest do
     {:ok, publisher} = BB.Ring.Publisher.open("#{prefix}.#{topic}")
     guard(context, robot, hopeless(topic: topic))
     assert_receive {Memory, :revert}
-    assert Report.read(context.tmp_dir, :reverted) =~ "required: ring: the topic has a live"
+    assert Findings.read(context.tmp_dir, :reverted) =~ "required: ring: the topic has a live"
     BB.Ring.Publisher.close(publisher)
   end
 
@@ -396,7 +397,9 @@ defmodule BB.Firmware.GuardTest do
         guard(context, quiet(), hopeless(status: unquote(status), uuid: "new"))
         assert_receive {Memory, {:set_heart, _}}, 30_000
         assert_receive {Memory, :revert}, 30_000
-        assert Report.read(context.tmp_dir, :reverted) =~ "required: sensor range: was never good"
+
+        assert Findings.read(context.tmp_dir, :reverted) =~
+                 "required: sensor range: was never good"
       end
     end
 
@@ -423,7 +426,7 @@ defmodule BB.Firmware.GuardTest do
     # Heart restarts the board: the firmware before starts, and tells.
     {:ok, old} = Memory.start_link(status: :validated, firmware: %{"nerves_fw_uuid" => "old"})
     :ok = Trial.begin(context.tmp_dir, {Memory, old}, "the next start")
-    report = Report.read(context.tmp_dir, :reverted)
+    report = Findings.read(context.tmp_dir, :reverted)
     assert report =~ "by the board: a power cut, its watchdog or its heart"
     assert report =~ "note: " <> waits
   end
@@ -432,11 +435,11 @@ defmodule BB.Firmware.GuardTest do
        context do
     {_, _} = guard(context, quiet(), hopeless(uuid: "new"))
     assert_receive {Memory, :revert}, 30_000
-    report = Report.read(context.tmp_dir, :reverted)
+    report = Findings.read(context.tmp_dir, :reverted)
     assert report =~ "by its guard"
     {:ok, old} = Memory.start_link(status: :validated, firmware: %{"nerves_fw_uuid" => "old"})
     :ok = Trial.begin(context.tmp_dir, {Memory, old}, "the next start")
-    assert Report.read(context.tmp_dir, :reverted) == report
+    assert Findings.read(context.tmp_dir, :reverted) == report
     assert Trial.refused?(context.tmp_dir, "new")
   end
 

@@ -7,7 +7,7 @@ defmodule BB.Firmware.TrialTest do
   import ExUnit.CaptureLog
 
   alias BB.Firmware.Board.Memory
-  alias BB.Firmware.Guard.Report
+  alias BB.Firmware.Trial.Findings
   alias BB.Firmware.{Story, Trial}
 
   @moduletag :tmp_dir
@@ -43,7 +43,7 @@ defmodule BB.Firmware.TrialTest do
 
     # The power fails, heart or the watchdog restarts the board: the old one runs again.
     assert Trial.begin(folder, old, "boot 3") == :ok
-    text = Report.read(folder, :reverted)
+    text = Findings.read(folder, :reverted)
     assert text =~ "by the board: a power cut, its watchdog or its heart"
     assert text =~ "nerves_fw_version new.0"
     assert text =~ "note: required: sensor imu: was never good"
@@ -56,14 +56,14 @@ defmodule BB.Firmware.TrialTest do
     File.rm!(Path.join(folder, "reverted.txt"))
     assert Trial.begin(folder, old, "boot 3") == :ok
     assert Trial.begin(folder, old, "boot 4") == :ok
-    assert Report.read(folder, :reverted) == nil
+    assert Findings.read(folder, :reverted) == nil
   end
 
   test "an image that never came as far as to say anything leaves a story", %{tmp_dir: folder} do
     old = firmware("old", "a", :validated)
     update(folder, old)
     assert Trial.begin(folder, old, "boot 2") == :ok
-    assert Report.read(folder, :reverted) =~ "before it could say that it had started"
+    assert Findings.read(folder, :reverted) =~ "before it could say that it had started"
   end
 
   test "an upload that failed is no revert", %{tmp_dir: folder} do
@@ -71,7 +71,7 @@ defmodule BB.Firmware.TrialTest do
     :ok = Trial.accepted(folder, old, "boot 1")
     assert Trial.begin(folder, old, "boot 1") == :ok
     assert Trial.begin(folder, old, "boot 2") == :ok
-    assert Report.read(folder, :reverted) == nil
+    assert Findings.read(folder, :reverted) == nil
     refute File.exists?(Path.join(folder, "trial.txt"))
   end
 
@@ -83,8 +83,8 @@ defmodule BB.Firmware.TrialTest do
     assert Trial.revert(folder, new, "the keeper", ["it ended"]) == :ok
     assert_receive {Memory, :revert}
     assert Trial.begin(folder, old, "boot 3") == :ok
-    assert Report.read(folder, :reverted) =~ "by the keeper\n"
-    assert Report.read(folder, :reverted) =~ "note: it ended"
+    assert Findings.read(folder, :reverted) =~ "by the keeper\n"
+    assert Findings.read(folder, :reverted) =~ "note: it ended"
     assert Trial.refused?(folder, "new")
   end
 
@@ -121,7 +121,7 @@ defmodule BB.Firmware.TrialTest do
     refute_received {Memory, :revert}
     assert Trial.begin(folder, new, "boot 5") == :ok
     assert_received {Memory, :revert}
-    assert Report.read(folder, :reverted) =~ "3 starts in vain"
+    assert Findings.read(folder, :reverted) =~ "3 starts in vain"
     assert Trial.begin(folder, old, "boot 6") == :ok
     assert Trial.refused?(folder, "new")
   end
@@ -151,7 +151,7 @@ defmodule BB.Firmware.TrialTest do
 
     Memory.answer(memory, :validation_status, nil)
     assert Trial.begin(folder, old, "boot 2") == :ok
-    eventually(fn -> Report.read(folder, :reverted) end)
+    eventually(fn -> Findings.read(folder, :reverted) end)
   end
 
   test "a folder that cannot be written to changes nothing of what the board says", %{

@@ -9,7 +9,7 @@ defmodule BB.Firmware.Gate.Lock do
   The process that uploads ends before the firmware's success is told, by half a second. What a second upload would then write
   over is the running firmware; so the lock stays closed for `settle_ms` after its holder has
   left. Who comes within that time waits (`:closing`): nothing is written then, and soon it is
-  known whether anything was. `BB.Firmware.Gate.Holder` has it.
+  known whether anything was. `BB.Firmware.Gate.LockServer` has it.
   """
 
   @type t :: :free | {:held, pid()} | {:closing, until_ms :: integer()} | :written

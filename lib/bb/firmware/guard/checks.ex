@@ -1,7 +1,7 @@
 defmodule BB.Firmware.Guard.Checks do
   @moduledoc """
   What a guard looks at, as a value that the guard's process keeps. Messages and looks become the events of
-  `BB.Firmware.Guard.Decision`.
+  `BB.Firmware.Guard.Validation`.
 
     * `{:sensor, name}` - of each required sensor: a sample that is fresh; being down, or having
       been started again, is bad. Fresh is what its own `max_silence` and rate allow, where that
@@ -13,7 +13,7 @@ defmodule BB.Firmware.Guard.Checks do
   A look never waits and never raises: what cannot be looked at is bad.
   """
 
-  alias BB.Firmware.Network.Source
+  alias BB.Firmware.Network.Adapter
   alias BB.{Message, PubSub, Ring, Sensor}
   alias BB.Message.Firmware.RoundTrip
 
@@ -42,7 +42,7 @@ defmodule BB.Firmware.Guard.Checks do
   ]
 
   @type t :: %__MODULE__{}
-  @type event :: BB.Firmware.Guard.Decision.event()
+  @type event :: BB.Firmware.Guard.Validation.event()
 
   @doc """
   Of a robot. Options: `topic:` of the ring, for the guard alone; `network:` a source; `reach:` `:lan`, `:internet`, or `:none` for no look at
@@ -66,7 +66,7 @@ defmodule BB.Firmware.Guard.Checks do
   end
 
   @doc "The checks that are required."
-  @spec required(t()) :: [BB.Firmware.Guard.Decision.check()]
+  @spec required(t()) :: [BB.Firmware.Guard.Validation.check()]
   def required(checks) do
     Enum.sort(for {_path, name} <- checks.sensors, do: {:sensor, name}) ++
       for(name <- checks.silent, do: {:native, name}) ++
@@ -110,7 +110,7 @@ defmodule BB.Firmware.Guard.Checks do
   end
 
   @doc "Sensors that are not required and not up, with the reason in words."
-  @spec missing(t()) :: [{BB.Firmware.Guard.Decision.check(), String.t()}]
+  @spec missing(t()) :: [{BB.Firmware.Guard.Validation.check(), String.t()}]
   def missing(checks) do
     required = required(checks)
 
@@ -236,9 +236,9 @@ defmodule BB.Firmware.Guard.Checks do
   defp network(%{reach: :none}), do: []
 
   defp network(checks) do
-    state = Source.state(checks.network)
+    state = Adapter.state(checks.network)
 
-    if Source.reaches?(state, checks.reach),
+    if Adapter.reaches?(state, checks.reach),
       do: [{:good, :network}],
       else: [{:bad, :network, "#{state}, and #{checks.reach} is wanted"}]
   end

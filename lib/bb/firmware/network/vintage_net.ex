@@ -1,7 +1,7 @@
 defmodule BB.Firmware.Network.VintageNet do
   @moduledoc "The network of a board, as VintageNet sees it: the best connection of all its interfaces. Its name is told by mDNS."
 
-  @behaviour BB.Firmware.Network.Source
+  @behaviour BB.Firmware.Network.Adapter
 
   alias VintageNetWiFi.Cookbook
 
@@ -12,21 +12,21 @@ defmodule BB.Firmware.Network.VintageNet do
   @property ["connection"]
   @wifi "wlan0"
 
-  @impl BB.Firmware.Network.Source
+  @impl BB.Firmware.Network.Adapter
   def subscribe(_handle), do: VintageNet.subscribe(@property)
 
-  @impl BB.Firmware.Network.Source
+  @impl BB.Firmware.Network.Adapter
   def state(_handle), do: known(VintageNet.get(@property, :disconnected))
 
-  @impl BB.Firmware.Network.Source
+  @impl BB.Firmware.Network.Adapter
   def change(_handle, {VintageNet, @property, _old, new, _meta}), do: {:ok, known(new)}
   def change(_handle, _message), do: :error
 
-  @impl BB.Firmware.Network.Source
+  @impl BB.Firmware.Network.Adapter
   def name(_handle, name), do: MdnsLite.set_hosts([:hostname, name])
 
   # Not persisted: what a person sets up on the board is, and goes before the card.
-  @impl BB.Firmware.Network.Source
+  @impl BB.Firmware.Network.Adapter
   def join(_handle, wifi) do
     with false <- set_up?(VintageNet.get_configuration(@wifi)),
          {:ok, config} <- config(wifi) do

@@ -1,4 +1,4 @@
-defmodule BB.Firmware.Gate.Decision do
+defmodule BB.Firmware.Gate.Precheck do
   @moduledoc """
   Whether an update may be written, and if not, why, in words for who uploads. Pure.
   """
@@ -23,9 +23,9 @@ defmodule BB.Firmware.Gate.Decision do
   `:ok`, or the reason. Whatever is not known to be right is refused, but for a board that has no validation.
 
       iex> facts = %{safety: :disarmed, validation: :validated, lock: :ok, key: {:ok, "/etc/ganglion/firmware.pub"}}
-      iex> BB.Firmware.Gate.Decision.decide(facts)
+      iex> BB.Firmware.Gate.Precheck.decide(facts)
       :ok
-      iex> BB.Firmware.Gate.Decision.decide(%{facts | safety: :armed})
+      iex> BB.Firmware.Gate.Precheck.decide(%{facts | safety: :armed})
       {:error, "the robot is armed: disarm it first"}
   """
   @spec decide(facts()) :: :ok | {:error, String.t()}

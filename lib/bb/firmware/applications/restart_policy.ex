@@ -1,4 +1,4 @@
-defmodule BB.Firmware.Applications.Decision do
+defmodule BB.Firmware.Applications.RestartPolicy do
   @moduledoc """
   What follows when an application ends: it is started again, then the board is. Pure; the clock
   is an argument, in milliseconds.
@@ -14,9 +14,9 @@ defmodule BB.Firmware.Applications.Decision do
 
   Firmware on trial is not restarted but reverted.
 
-      iex> alias BB.Firmware.Applications.Decision
-      iex> {decision, {:start, 1, 0}} = Decision.ended(Decision.new([]), :ganglion, :killed, 0)
-      iex> {_decision, {:start, 2, 1_000}} = Decision.ended(decision, :ganglion, :killed, 400)
+      iex> alias BB.Firmware.Applications.RestartPolicy
+      iex> {policy, {:start, 1, 0}} = RestartPolicy.ended(RestartPolicy.new([]), :ganglion, :killed, 0)
+      iex> {_decision, {:start, 2, 1_000}} = RestartPolicy.ended(policy, :ganglion, :killed, 400)
 
   An application that a person has stopped stays stopped (reason `:stopped`).
   """
@@ -68,17 +68,17 @@ defmodule BB.Firmware.Applications.Decision do
 
   @doc "How often an application is started again."
   @spec starts(t()) :: non_neg_integer()
-  def starts(decision), do: length(decision.opts.pauses_ms)
+  def starts(policy), do: length(policy.opts.pauses_ms)
 
   @doc "An application has ended, or did not start."
   @spec ended(t(), atom(), reason :: term(), integer()) :: {t(), step()}
-  def ended(decision, app, :stopped, _now_ms),
-    do: {%{decision | ends: Map.delete(decision.ends, app)}, :nothing}
+  def ended(policy, app, :stopped, _now_ms),
+    do: {%{policy | ends: Map.delete(policy.ends, app)}, :nothing}
 
-  def ended(%{opts: opts} = decision, app, _reason, now_ms) do
-    recent = for at <- Map.get(decision.ends, app, []), now_ms - at < opts.window_ms, do: at
+  def ended(%{opts: opts} = policy, app, _reason, now_ms) do
+    recent = for at <- Map.get(policy.ends, app, []), now_ms - at < opts.window_ms, do: at
     step = step(Enum.at(opts.pauses_ms, length(recent)), length(recent) + 1)
-    {%{decision | ends: Map.put(decision.ends, app, [now_ms | recent])}, step}
+    {%{policy | ends: Map.put(policy.ends, app, [now_ms | recent])}, step}
   end
 
   defp step(nil, _n), do: :give_up
@@ -88,11 +88,11 @@ defmodule BB.Firmware.Applications.Decision do
   What is done then: on a board that was restarted so often before, and whose firmware is on trial
   or not.
 
-      iex> alias BB.Firmware.Applications.Decision
-      iex> decision = Decision.new(board_restarts: 2)
-      iex> for n <- [0, 1, 2, :unknown], do: Decision.last_step(decision, n, false)
+      iex> alias BB.Firmware.Applications.RestartPolicy
+      iex> policy = RestartPolicy.new(board_restarts: 2)
+      iex> for n <- [0, 1, 2, :unknown], do: RestartPolicy.last_step(policy, n, false)
       [:restart_board, :restart_board, {:stay, 60_000}, {:stay, 60_000}]
-      iex> Decision.last_step(decision, 2, true)
+      iex> RestartPolicy.last_step(policy, 2, true)
       :revert
   """
   @spec last_step(t(), board_restarts :: non_neg_integer() | :unknown, on_trial? :: boolean()) ::
@@ -107,9 +107,9 @@ defmodule BB.Firmware.Applications.Decision do
 
   @doc "How long a start waits once nothing helps."
   @spec stay_ms(t()) :: pos_integer()
-  def stay_ms(decision), do: decision.opts.stay_ms
+  def stay_ms(policy), do: policy.opts.stay_ms
 
   @doc "How long everything has to run to count as success."
   @spec calm_ms(t()) :: pos_integer()
-  def calm_ms(decision), do: decision.opts.calm_ms
+  def calm_ms(policy), do: policy.opts.calm_ms
 end

@@ -1,4 +1,4 @@
-defmodule BB.Firmware.Guard.Report do
+defmodule BB.Firmware.Trial.Findings do
   @moduledoc """
   What is left behind for a person: why a firmware was reverted and by whom, and what was missing
   in one that was validated.
@@ -7,7 +7,7 @@ defmodule BB.Firmware.Guard.Report do
   kind, which a power failure does not damage (`BB.Firmware.Kept`).
   """
 
-  alias BB.Firmware.Guard.Decision
+  alias BB.Firmware.Guard.Validation
   alias BB.Firmware.Kept
 
   @first "ganglion guard report 1\n"
@@ -21,8 +21,8 @@ defmodule BB.Firmware.Guard.Report do
           required(:outcome) => outcome(),
           required(:at) => DateTime.t(),
           required(:firmware) => %{String.t() => String.t()},
-          required(:reasons) => [{Decision.check(), Decision.reason()}],
-          required(:missing) => [{Decision.check(), String.t()}],
+          required(:reasons) => [{Validation.check(), Validation.reason()}],
+          required(:missing) => [{Validation.check(), String.t()}],
           optional(:by) => String.t() | nil,
           optional(:notes) => [String.t()]
         }
@@ -52,20 +52,20 @@ defmodule BB.Firmware.Guard.Report do
   @doc """
   A check's name.
 
-      iex> BB.Firmware.Guard.Report.name({:sensor, :imu})
+      iex> BB.Firmware.Trial.Findings.name({:sensor, :imu})
       "sensor imu"
   """
-  @spec name(Decision.check()) :: String.t()
+  @spec name(Validation.check()) :: String.t()
   def name({kind, name}), do: "#{kind} #{name}"
   def name(name), do: to_string(name)
 
   @doc """
   A reason in words.
 
-      iex> BB.Firmware.Guard.Report.words({:good_for, 900, 2, {:silent, 1200}})
+      iex> BB.Firmware.Trial.Findings.words({:good_for, 900, 2, {:silent, 1200}})
       "good for 900 ms only; broke 2 times, last: said nothing for 1200 ms"
   """
-  @spec words(Decision.reason() | nil) :: String.t()
+  @spec words(Validation.reason() | nil) :: String.t()
   def words(nil), do: "good"
   def words(:never), do: "was never good"
   def words({:silent, ms}), do: "said nothing for #{ms} ms"

@@ -1,18 +1,18 @@
-defmodule BB.Firmware.Guard.DecisionTest do
+defmodule BB.Firmware.Guard.ValidationTest do
   use ExUnit.Case, async: true
   use BB.Test.Prop
 
-  alias BB.Firmware.Guard.Decision
+  alias BB.Firmware.Guard.Validation
 
   @opts [required: [:imu, :ring], stability_ms: 100, fresh_ms: 20, deadline_ms: 1_000]
 
   describe "new firmware" do
     test "is validated when all required checks were good for the stability window" do
-      {decision, effects} = run([{0, {:status, :unvalidated}} | good(0..100//10)])
+      {validation, effects} = run([{0, {:status, :unvalidated}} | good(0..100//10)])
       assert effects == [{0, :set_heart}, {0, :init_complete}, {100, :validate}]
 
       assert {%{phase: :validated}, [:clear_heart]} =
-               Decision.handle(decision, {:validation, :ok}, 101)
+               Validation.handle(validation, {:validation, :ok}, 101)
     end
 
     test "is not validated a millisecond before" do
@@ -45,18 +45,18 @@ defmodule BB.Firmware.Guard.DecisionTest do
 
     test "is reverted at the deadline, with the reasons" do
       events = [{0, {:status, :unvalidated}}, {990, {:good, :imu}}, {999, {:bad, :ring, :closed}}]
-      {decision, effects} = run(events ++ [{1_000, :tick}])
+      {validation, effects} = run(events ++ [{1_000, :tick}])
       assert {1_000, :revert} = List.last(effects)
 
-      assert Decision.reasons(decision, 1_000) == [
+      assert Validation.reasons(validation, 1_000) == [
                imu: {:good_for, 10, 0, nil},
                ring: {:bad, :closed}
              ]
     end
 
     test "whose sensor never said anything is reverted, and the reason says so" do
-      {decision, _} = run([{0, {:status, :unvalidated}}, {1_000, :tick}])
-      assert Decision.reasons(decision, 1_000) == [imu: :never, ring: :never]
+      {validation, _} = run([{0, {:status, :unvalidated}}, {1_000, :tick}])
+      assert Validation.reasons(validation, 1_000) == [imu: :never, ring: :never]
     end
 
     test "is not reverted for the sake of a check that is not required" do
@@ -66,22 +66,22 @@ defmodule BB.Firmware.Guard.DecisionTest do
 
     test "whose validation fails is validated again a second later, while it is stable" do
       opts = Keyword.put(@opts, :deadline_ms, 10_000)
-      {decision, _} = run([{0, {:status, :unvalidated}} | good(0..100//10)], opts)
-      {decision, []} = Decision.handle(decision, {:validation, {:error, :timeout}}, 105)
-      {decision, effects} = run(good(110..1_110//10), decision)
+      {validation, _} = run([{0, {:status, :unvalidated}} | good(0..100//10)], opts)
+      {validation, []} = Validation.handle(validation, {:validation, {:error, :timeout}}, 105)
+      {validation, effects} = run(good(110..1_110//10), validation)
       assert effects == [{1_110, :validate}]
-      assert {:validation, {:bad, :timeout}} in Decision.reasons(decision, 1_110)
+      assert {:validation, {:bad, :timeout}} in Validation.reasons(validation, 1_110)
     end
 
     test "whose validation never succeeds is reverted at the deadline" do
-      {decision, _} = run([{0, {:status, :unvalidated}} | good(0..100//10)])
-      assert {%{phase: :reverting}, [:revert]} = Decision.handle(decision, :tick, 1_000)
-      {decision, []} = Decision.handle(decision, {:validation, {:error, :io}}, 105)
+      {validation, _} = run([{0, {:status, :unvalidated}} | good(0..100//10)])
+      assert {%{phase: :reverting}, [:revert]} = Validation.handle(validation, :tick, 1_000)
+      {validation, []} = Validation.handle(validation, {:validation, {:error, :io}}, 105)
 
-      assert {%{phase: :reverting} = decision, [:revert]} =
-               Decision.handle(decision, :tick, 1_000)
+      assert {%{phase: :reverting} = validation, [:revert]} =
+               Validation.handle(validation, :tick, 1_000)
 
-      assert {:validation, {:bad, :io}} in Decision.reasons(decision, 1_000)
+      assert {:validation, {:bad, :io}} in Validation.reasons(validation, 1_000)
     end
   end
 
@@ -130,14 +130,14 @@ defmodule BB.Firmware.Guard.DecisionTest do
   property "every schedule ends validated or reverted by the deadline, with one heart callback",
     numtests: 1_000 do
     forall {schedule, answer} <- {schedule(), oneof([:ok, {:error, :io}])} do
-      {decision, effects} = run(schedule, @opts, answer)
+      {validation, effects} = run(schedule, @opts, answer)
       effects = Enum.map(effects, &elem(&1, 1))
       count = &Enum.count(effects, fn effect -> effect == &1 end)
 
-      assert decision.phase in [:validated, :reverting]
+      assert validation.phase in [:validated, :reverting]
       assert count.(:set_heart) == 1 and count.(:init_complete) == 1
       assert count.(:clear_heart) + count.(:revert) == 1
-      assert count.(:clear_heart) == 1 == (decision.phase == :validated)
+      assert count.(:clear_heart) == 1 == (validation.phase == :validated)
       true
     end
   end
@@ -194,24 +194,24 @@ defmodule BB.Firmware.Guard.DecisionTest do
   defp good(range), do: Enum.flat_map(range, &[{&1, {:good, :imu}}, {&1, {:good, :ring}}])
 
   defp run(events, from \\ @opts, answer \\ nil)
-  defp run(events, opts, answer) when is_list(opts), do: run(events, Decision.new(opts), answer)
+  defp run(events, opts, answer) when is_list(opts), do: run(events, Validation.new(opts), answer)
 
-  defp run(events, decision, answer) do
-    Enum.reduce(events, {decision, []}, fn {at, event}, {decision, effects} ->
-      {decision, new} = step(decision, event, at, answer)
-      {decision, effects ++ new}
+  defp run(events, validation, answer) do
+    Enum.reduce(events, {validation, []}, fn {at, event}, {validation, effects} ->
+      {validation, new} = step(validation, event, at, answer)
+      {validation, effects ++ new}
     end)
   end
 
-  defp step(decision, event, at, answer) do
-    {decision, effects} = Decision.handle(decision, event, at)
+  defp step(validation, event, at, answer) do
+    {validation, effects} = Validation.handle(validation, event, at)
     effects = Enum.map(effects, &{at, &1})
 
     if answer && {at, :validate} in effects do
-      {decision, more} = step(decision, {:validation, answer}, at, nil)
-      {decision, effects ++ more}
+      {validation, more} = step(validation, {:validation, answer}, at, nil)
+      {validation, effects ++ more}
     else
-      {decision, effects}
+      {validation, effects}
     end
   end
 end

@@ -1,4 +1,4 @@
-defmodule BB.Firmware.Guard.Decision do
+defmodule BB.Firmware.Guard.Validation do
   @moduledoc """
   Whether new firmware stays: events in, what to do out. Pure; the clock is an argument, in milliseconds, and never goes back.
 
@@ -64,40 +64,40 @@ defmodule BB.Firmware.Guard.Decision do
 
   @doc "What happened, and what is to be done about it."
   @spec handle(t(), event(), integer()) :: {t(), [effect()]}
-  def handle(decision, event, now_ms),
-    do: decision |> note(event, now_ms) |> decide(event, now_ms)
+  def handle(validation, event, now_ms),
+    do: validation |> note(event, now_ms) |> decide(event, now_ms)
 
   @doc "The required checks that do not hold yet, and why; a failed validation as `:validation`."
   @spec reasons(t(), integer()) :: [{check(), reason()}]
-  def reasons(decision, now_ms) do
-    failed = for error <- List.wrap(decision.validation_error), do: {:validation, {:bad, error}}
+  def reasons(validation, now_ms) do
+    failed = for error <- List.wrap(validation.validation_error), do: {:validation, {:bad, error}}
 
     failed ++
-      for check <- decision.required,
-          reason = reason(decision, decision.checks[check], now_ms),
+      for check <- validation.required,
+          reason = reason(validation, validation.checks[check], now_ms),
           do: {check, reason}
   end
 
   @doc "Whether it is over: nothing more will be done."
   @spec over?(t()) :: boolean()
-  def over?(decision), do: decision.phase in [:validated, :reverting, :settled]
+  def over?(validation), do: validation.phase in [:validated, :reverting, :settled]
 
   # What is known
 
-  defp note(decision, {:good, check}, now_ms),
-    do: update(decision, check, &good(&1, now_ms, decision.fresh_ms))
+  defp note(validation, {:good, check}, now_ms),
+    do: update(validation, check, &good(&1, now_ms, validation.fresh_ms))
 
-  defp note(decision, {:bad, check, reason}, _now_ms),
-    do: update(decision, check, &bad(&1, reason))
+  defp note(validation, {:bad, check, reason}, _now_ms),
+    do: update(validation, check, &bad(&1, reason))
 
-  defp note(decision, _event, _now_ms), do: decision
+  defp note(validation, _event, _now_ms), do: validation
 
   @unseen %{since_ms: nil, last_ms: nil, reason: nil, breaks: 0}
 
-  defp update(decision, check, fun),
+  defp update(validation, check, fun),
     do: %{
-      decision
-      | checks: Map.put(decision.checks, check, fun.(decision.checks[check] || @unseen))
+      validation
+      | checks: Map.put(validation.checks, check, fun.(validation.checks[check] || @unseen))
     }
 
   defp good(%{since_ms: nil} = seen, now_ms, _fresh_ms),
@@ -118,29 +118,30 @@ defmodule BB.Firmware.Guard.Decision do
 
   # What follows
 
-  defp decide(%{phase: :asking} = decision, {:status, :unvalidated}, now_ms) do
-    {decision, effects} =
-      decide(%{decision | phase: :watching, status: :unvalidated}, :tick, now_ms)
+  defp decide(%{phase: :asking} = validation, {:status, :unvalidated}, now_ms) do
+    {validation, effects} =
+      decide(%{validation | phase: :watching, status: :unvalidated}, :tick, now_ms)
 
-    {decision, [:set_heart, :init_complete | effects]}
+    {validation, [:set_heart, :init_complete | effects]}
   end
 
-  defp decide(%{phase: :asking} = decision, {:status, status}, _now_ms)
+  defp decide(%{phase: :asking} = validation, {:status, status}, _now_ms)
        when status in [:validated, :unknown],
-       do: {%{decision | phase: :settled, status: status}, [:init_complete]}
+       do: {%{validation | phase: :settled, status: status}, [:init_complete]}
 
   # A board that cannot tell at all is left as it is: reverting what may be good old firmware would be worse.
-  defp decide(%{phase: :asking, deadline_ms: deadline_ms} = decision, _event, now_ms)
+  defp decide(%{phase: :asking, deadline_ms: deadline_ms} = validation, _event, now_ms)
        when now_ms >= deadline_ms,
-       do: {%{decision | phase: :settled, status: :unknown}, [:init_complete]}
+       do: {%{validation | phase: :settled, status: :unknown}, [:init_complete]}
 
-  defp decide(%{phase: :validating} = decision, {:validation, :ok}, _now_ms),
+  defp decide(%{phase: :validating} = validation, {:validation, :ok}, _now_ms),
     do:
-      {%{decision | phase: :validated, status: :validated, validation_error: nil}, [:clear_heart]}
+      {%{validation | phase: :validated, status: :validated, validation_error: nil},
+       [:clear_heart]}
 
-  defp decide(%{phase: :validating} = decision, {:validation, {:error, reason}}, now_ms) do
+  defp decide(%{phase: :validating} = validation, {:validation, {:error, reason}}, now_ms) do
     retry = %{
-      decision
+      validation
       | phase: :watching,
         validation_error: reason,
         retry_at_ms: now_ms + @retry_ms
@@ -149,38 +150,39 @@ defmodule BB.Firmware.Guard.Decision do
     decide(retry, :tick, now_ms)
   end
 
-  defp decide(%{phase: :validating, deadline_ms: deadline_ms} = decision, _event, now_ms)
+  defp decide(%{phase: :validating, deadline_ms: deadline_ms} = validation, _event, now_ms)
        when now_ms >= deadline_ms,
-       do: {%{decision | phase: :reverting, validation_error: :no_answer}, [:revert]}
+       do: {%{validation | phase: :reverting, validation_error: :no_answer}, [:revert]}
 
-  defp decide(%{phase: :watching} = decision, _event, now_ms) do
+  defp decide(%{phase: :watching} = validation, _event, now_ms) do
     cond do
-      stable?(decision, now_ms) and not waiting?(decision, now_ms) ->
-        {%{decision | phase: :validating}, [:validate]}
+      stable?(validation, now_ms) and not waiting?(validation, now_ms) ->
+        {%{validation | phase: :validating}, [:validate]}
 
-      now_ms >= decision.deadline_ms ->
-        {%{decision | phase: :reverting}, [:revert]}
+      now_ms >= validation.deadline_ms ->
+        {%{validation | phase: :reverting}, [:revert]}
 
       true ->
-        {decision, []}
+        {validation, []}
     end
   end
 
-  defp decide(decision, _event, _now_ms), do: {decision, []}
+  defp decide(validation, _event, _now_ms), do: {validation, []}
 
   defp waiting?(%{retry_at_ms: nil}, _now_ms), do: false
   defp waiting?(%{retry_at_ms: retry_at_ms}, now_ms), do: now_ms < retry_at_ms
 
-  defp stable?(decision, now_ms),
-    do: Enum.all?(decision.required, &(reason(decision, decision.checks[&1], now_ms) == nil))
+  defp stable?(validation, now_ms),
+    do:
+      Enum.all?(validation.required, &(reason(validation, validation.checks[&1], now_ms) == nil))
 
   defp reason(_decision, nil, _now_ms), do: :never
   defp reason(_decision, %{since_ms: nil, reason: reason}, _now_ms), do: reason
 
-  defp reason(decision, seen, now_ms) do
+  defp reason(validation, seen, now_ms) do
     cond do
-      now_ms - seen.last_ms > decision.fresh_ms -> {:silent, now_ms - seen.last_ms}
-      now_ms - seen.since_ms >= decision.stability_ms -> nil
+      now_ms - seen.last_ms > validation.fresh_ms -> {:silent, now_ms - seen.last_ms}
+      now_ms - seen.since_ms >= validation.stability_ms -> nil
       true -> {:good_for, now_ms - seen.since_ms, seen.breaks, seen.reason}
     end
   end

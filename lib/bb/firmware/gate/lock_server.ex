@@ -1,4 +1,4 @@
-defmodule BB.Firmware.Gate.Holder do
+defmodule BB.Firmware.Gate.LockServer do
   @moduledoc """
   Who writes a firmware, as a process of its own: it belongs to no supervisor and no application,
   so that two uploads exclude each other also on a board whose gate, robot and application are

@@ -1,4 +1,4 @@
-defmodule BB.Firmware.Network.Source do
+defmodule BB.Firmware.Network.Adapter do
   @moduledoc """
   Where the state of the network comes from: `{module, handle}`, a module with the callbacks below and what it is called with.
 
@@ -49,7 +49,7 @@ defmodule BB.Firmware.Network.Source do
   @doc """
   See `c:state/1`. `:unknown` when the source cannot be asked.
 
-      iex> BB.Firmware.Network.Source.state({NoNetwork, []})
+      iex> BB.Firmware.Network.Adapter.state({NoNetwork, []})
       :unknown
   """
   @spec state(t()) :: Connection.state()
@@ -86,9 +86,9 @@ defmodule BB.Firmware.Network.Source do
   @doc """
   Whether a state reaches at least as far as another.
 
-      iex> BB.Firmware.Network.Source.reaches?(:internet, :lan)
+      iex> BB.Firmware.Network.Adapter.reaches?(:internet, :lan)
       true
-      iex> BB.Firmware.Network.Source.reaches?(:unknown, :lan)
+      iex> BB.Firmware.Network.Adapter.reaches?(:unknown, :lan)
       false
   """
   @spec reaches?(Connection.state(), Connection.state()) :: boolean()

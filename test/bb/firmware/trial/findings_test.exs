@@ -1,9 +1,9 @@
-defmodule BB.Firmware.Guard.ReportTest do
+defmodule BB.Firmware.Trial.FindingsTest do
   use ExUnit.Case, async: true
 
-  alias BB.Firmware.Guard.Report
+  alias BB.Firmware.Trial.Findings
 
-  doctest Report
+  doctest Findings
 
   @moduletag :tmp_dir
 
@@ -17,10 +17,10 @@ defmodule BB.Firmware.Guard.ReportTest do
 
   test "a report is read as it was written, in a folder that it makes", %{tmp_dir: tmp_dir} do
     folder = Path.join(tmp_dir, "a/b")
-    assert Report.read(folder, :reverted) == nil
-    assert Report.write(folder, @report) == :ok
+    assert Findings.read(folder, :reverted) == nil
+    assert Findings.write(folder, @report) == :ok
 
-    assert Report.read(folder, :reverted) == """
+    assert Findings.read(folder, :reverted) == """
            ganglion guard report 1
            reverted at 2026-01-02T03:04:05Z
            nerves_fw_version 0.1.0
@@ -34,7 +34,7 @@ defmodule BB.Firmware.Guard.ReportTest do
   test "a corrupt file is renamed and counts as missing", %{tmp_dir: tmp_dir} do
     for text <- ["", <<0, 255>>, "ganglion guard report 1\n" <> <<255>>] do
       File.write!(Path.join(tmp_dir, "validated.txt"), text)
-      assert Report.read(tmp_dir, :validated) == nil
+      assert Findings.read(tmp_dir, :validated) == nil
       assert File.read!(Path.join(tmp_dir, "validated.txt.corrupt")) == text
       refute File.exists?(Path.join(tmp_dir, "validated.txt"))
     end
@@ -42,6 +42,6 @@ defmodule BB.Firmware.Guard.ReportTest do
 
   test "a folder that cannot be made is an error", %{tmp_dir: tmp_dir} do
     File.write!(Path.join(tmp_dir, "file"), "")
-    assert {:error, _} = Report.write(Path.join(tmp_dir, "file"), @report)
+    assert {:error, _} = Findings.write(Path.join(tmp_dir, "file"), @report)
   end
 end

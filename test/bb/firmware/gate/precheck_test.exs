@@ -1,10 +1,10 @@
-defmodule BB.Firmware.Gate.DecisionTest do
+defmodule BB.Firmware.Gate.PrecheckTest do
   use ExUnit.Case, async: true
   use BB.Test.Prop
 
-  alias BB.Firmware.Gate.Decision
+  alias BB.Firmware.Gate.Precheck
 
-  doctest Decision
+  doctest Precheck
 
   @good %{
     safety: [:disarmed, :error],
@@ -35,7 +35,7 @@ defmodule BB.Firmware.Gate.DecisionTest do
           fact in @good[name] or (name == :validation and gone?)
         end)
 
-      case Decision.decide(facts) do
+      case Precheck.decide(facts) do
         :ok -> assert good?
         {:error, text} -> assert not good? and is_binary(text) and String.valid?(text)
       end

@@ -1,7 +1,7 @@
-defmodule BB.Firmware.Applications.Keeper do
+defmodule BB.Firmware.Applications.Restarter do
   @moduledoc """
   The process behind `BB.Firmware.Applications`: it belongs to no application, hears of ends, and
-  does what `BB.Firmware.Applications.Decision` says.
+  does what `BB.Firmware.Applications.RestartPolicy` says.
 
   What it starts is everything that the release starts and that does not run, in the release's
   order, so that what could not start without an application that had ended comes back with it.
@@ -17,8 +17,8 @@ defmodule BB.Firmware.Applications.Keeper do
 
   require Logger
 
-  alias BB.Firmware.{Attempt, Board, Gate, Kept, Robots, Story, Trial}
-  alias BB.Firmware.Applications.Decision
+  alias BB.Firmware.{Attempt, Board, Gate, Guard, Kept, Robots, Story, Trial}
+  alias BB.Firmware.Applications.RestartPolicy
 
   @first "ganglion restarts 1\n"
   @start_limit_ms 60_000
@@ -29,7 +29,7 @@ defmodule BB.Firmware.Applications.Keeper do
   @own [:name, :board, :folder, :expected, :gate]
 
   @doc """
-  Starts it, linked to nobody. Options: those of `BB.Firmware.Applications.Decision.new/1`;
+  Starts it, linked to nobody. Options: those of `BB.Firmware.Applications.RestartPolicy.new/1`;
   `name:`; `board:` and `folder:` of the guard, without which they are the configured ones;
   `expected:` the applications that have to run, without which they are those of the release;
   `gate:` that of updates.
@@ -39,20 +39,20 @@ defmodule BB.Firmware.Applications.Keeper do
 
   @doc "Something happened to an application."
   @spec tell(GenServer.server(), {:started, atom()} | {:ended, atom(), term()}) :: :ok
-  def tell(keeper, event), do: GenServer.cast(keeper, event)
+  def tell(restarter, event), do: GenServer.cast(restarter, event)
 
   @impl GenServer
   def init(opts) do
     # The end of an application ends all processes of its group.
     Process.group_leader(self(), Process.whereis(:init))
-    {own, decision} = Keyword.split(opts, @own)
+    {own, policy} = Keyword.split(opts, @own)
 
     state = %{
       board: own[:board] || Board.configured(),
-      folder: own[:folder] || Story.folder(),
+      folder: own[:folder] || Guard.folder(),
       expected: own[:expected],
       gate: own[:gate] || Gate,
-      decision: decision(decision),
+      policy: new_policy(policy),
       stopped: MapSet.new(),
       ended: MapSet.new(),
       timer: nil,
@@ -65,13 +65,13 @@ defmodule BB.Firmware.Applications.Keeper do
     {:ok, calm(state)}
   end
 
-  # A wrong option must not cost the board its keeper.
-  defp decision(opts) do
-    Decision.new(opts)
+  # A wrong option must not cost the board its restarter.
+  defp new_policy(opts) do
+    RestartPolicy.new(opts)
   rescue
     error ->
       Logger.error("#{inspect(BB.Firmware.Applications)}: #{Exception.message(error)}")
-      Decision.new([])
+      RestartPolicy.new([])
   end
 
   @impl GenServer
@@ -91,10 +91,10 @@ defmodule BB.Firmware.Applications.Keeper do
   def handle_cast({:ended, _app, _reason}, %{leaving?: true} = state), do: {:noreply, state}
 
   def handle_cast({:ended, app, reason}, state) do
-    {decision, step} = Decision.ended(state.decision, app, reason, now_ms())
+    {policy, step} = RestartPolicy.ended(state.policy, app, reason, now_ms())
     # Somebody has started it since it was stopped.
     stopped = MapSet.delete(state.stopped, app)
-    state = calm(%{state | decision: decision, stopped: stopped})
+    state = calm(%{state | policy: policy, stopped: stopped})
     {:noreply, step(step, app, reason, state)}
   end
 
@@ -110,7 +110,7 @@ defmodule BB.Firmware.Applications.Keeper do
 
   # The board has refused to go.
   def handle_info(:still_here, state),
-    do: {:noreply, start_in(%{state | leaving?: false}, Decision.stay_ms(state.decision))}
+    do: {:noreply, start_in(%{state | leaving?: false}, RestartPolicy.stay_ms(state.policy))}
 
   def handle_info({:calm, calm}, %{calm: calm} = state) do
     _ = Kept.remove(file(state.folder))
@@ -123,7 +123,7 @@ defmodule BB.Firmware.Applications.Keeper do
   end
 
   defp step({:start, n, pause_ms}, app, reason, state) do
-    of = Decision.starts(state.decision)
+    of = RestartPolicy.starts(state.policy)
     _ = told(state, app, reason, "it is started again (#{n} of #{of})")
     start_in(%{state | ended: MapSet.put(state.ended, app)}, pause_ms)
   end
@@ -141,13 +141,20 @@ defmodule BB.Firmware.Applications.Keeper do
     else
       on_trial? = Trial.status(state.folder, state.board) == :unvalidated
       restarts = restarts(state.folder)
-      act(Decision.last_step(state.decision, restarts, on_trial?), app, reason, restarts, state)
+
+      act(
+        RestartPolicy.last_step(state.policy, restarts, on_trial?),
+        app,
+        reason,
+        restarts,
+        state
+      )
     end
   end
 
   defp act(:revert, app, reason, _restarts, state) do
     why = told(state, app, reason, "that does not help, and the firmware is on trial")
-    leave(state, &Trial.revert(state.folder, &1, "the keeper of its applications", [why]))
+    leave(state, &Trial.revert(state.folder, &1, "the restarter of its applications", [why]))
   end
 
   defp act(:restart_board, app, reason, restarts, state) do
@@ -165,7 +172,7 @@ defmodule BB.Firmware.Applications.Keeper do
 
       # It could go on for ever, and nobody would know.
       {:error, _posix} ->
-        act({:stay, Decision.stay_ms(state.decision)}, app, reason, :unknown, state)
+        act({:stay, RestartPolicy.stay_ms(state.policy)}, app, reason, :unknown, state)
     end
   end
 
@@ -181,7 +188,7 @@ defmodule BB.Firmware.Applications.Keeper do
   # It may never return.
   defp leave(state, fun) do
     %{board: board} = state
-    keeper = self()
+    restarter = self()
 
     _ =
       spawn(fn ->
@@ -189,7 +196,7 @@ defmodule BB.Firmware.Applications.Keeper do
 
         with {:error, reason} <- fun.(board) do
           Logger.error("the board did not restart: #{inspect(reason)}")
-          send(keeper, :still_here)
+          send(restarter, :still_here)
         end
       end)
 
@@ -279,7 +286,7 @@ defmodule BB.Firmware.Applications.Keeper do
 
   defp calm(state) do
     calm = make_ref()
-    _ = Process.send_after(self(), {:calm, calm}, Decision.calm_ms(state.decision))
+    _ = Process.send_after(self(), {:calm, calm}, RestartPolicy.calm_ms(state.policy))
     %{state | calm: calm}
   end
 
