@@ -53,8 +53,8 @@ defmodule BB.Dsl do
       end
 
   Every entity works with and without parentheses, as a block or as keywords. The sections are described in
-  `BB.Dsl.Robot`, what stands in them in `BB.Dsl.Component`, `BB.Dsl.Topology`, `BB.Dsl.Link`, `BB.Dsl.Joint`,
-  `BB.Dsl.Parameters` and `BB.Dsl.Simulation`. A mistake raises `BB.Dsl.Error` while the module compiles.
+  `BB.Dsl.Robot`, what stands in them in `BB.Dsl.Component`, `BB.Dsl.Words.Topology`, `BB.Dsl.Words.Link`, `BB.Dsl.Words.Joint`,
+  `BB.Dsl.Words.Parameters` and `BB.Dsl.Simulation`. A mistake raises `BB.Dsl.Error` while the module compiles.
 
   For `mix format` to leave the words without parentheses, put `import_deps: [:ganglion]` into `.formatter.exs`.
   """

@@ -778,23 +778,23 @@ defmodule BB.DslTest do
     test "name every word of the DSL", %{words: words} do
       modules = [
         BB.Dsl.Robot,
-        BB.Dsl.Settings,
-        BB.Dsl.Parameters,
-        BB.Dsl.Param,
-        BB.Dsl.Controller,
-        BB.Dsl.Actuator,
-        BB.Dsl.Transmission,
+        BB.Dsl.Words.Settings,
+        BB.Dsl.Words.Parameters,
+        BB.Dsl.Words.Param,
+        BB.Dsl.Words.Controller,
+        BB.Dsl.Words.Actuator,
+        BB.Dsl.Words.Transmission,
         BB.Dsl.Component,
-        BB.Dsl.Sensor,
-        BB.Dsl.Topology,
-        BB.Dsl.Link,
-        BB.Dsl.Joint,
-        BB.Dsl.Origin,
-        BB.Dsl.Axis,
-        BB.Dsl.Limit,
-        BB.Dsl.Dynamics,
+        BB.Dsl.Words.Sensor,
+        BB.Dsl.Words.Topology,
+        BB.Dsl.Words.Link,
+        BB.Dsl.Words.Joint,
+        BB.Dsl.Words.Origin,
+        BB.Dsl.Words.Axis,
+        BB.Dsl.Words.Limit,
+        BB.Dsl.Words.Dynamics,
         BB.Dsl.Simulation,
-        BB.Dsl.SimulatedBus
+        BB.Dsl.Words.SimulatedBus
       ]
 
       defined =

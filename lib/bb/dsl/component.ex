@@ -3,9 +3,9 @@ defmodule BB.Dsl.Component do
 
   import BB.Dsl.Vocabulary, only: [entity: 5]
 
-  @sensor [BB.Dsl.Sensor]
-  @actuator [BB.Dsl.Actuator]
-  @controller [BB.Dsl.Controller]
+  @sensor [BB.Dsl.Words.Sensor]
+  @actuator [BB.Dsl.Words.Actuator]
+  @controller [BB.Dsl.Words.Controller]
 
   @doc """
   Declares a sensor: `sensor :imu, {BB.Sensor.Mpu6050, bus: "i2c-1"}`, or the module alone when it needs no options.

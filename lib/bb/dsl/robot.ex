@@ -16,7 +16,8 @@ defmodule BB.Dsl.Robot do
     * `registry_options` - options for its start beside `keys:` and `name:`, such as `[partitions: 2]`
     * `supervisor_module` - a module with `Supervisor.start_link/3` for the robot's supervisors (`Supervisor`)
   """
-  defmacro settings(fields), do: entity(:settings, [fields], 0, [BB.Dsl.Settings], __CALLER__)
+  defmacro settings(fields),
+    do: entity(:settings, [fields], 0, [BB.Dsl.Words.Settings], __CALLER__)
 
   @doc "The sensors that belong to the robot as a whole and to no link: its battery, its processor."
   defmacro sensors(block),
@@ -24,7 +25,7 @@ defmodule BB.Dsl.Robot do
 
   @doc "What of the robot can be tuned while it runs: `param` and `group`. See `BB.Parameter`."
   defmacro parameters(block),
-    do: entity(:parameters, [block], 0, [BB.Unit, BB.Dsl.Parameters], __CALLER__)
+    do: entity(:parameters, [block], 0, [BB.Unit, BB.Dsl.Words.Parameters], __CALLER__)
 
   @doc "The controllers, which belong to the robot as a whole: `controller`."
   defmacro controllers(block),
@@ -32,7 +33,7 @@ defmodule BB.Dsl.Robot do
 
   @doc "The robot's links and joints, a tree with one root link, and the sensors on them."
   defmacro topology(block),
-    do: entity(:topology, [block], 0, @values ++ [BB.Dsl.Topology], __CALLER__)
+    do: entity(:topology, [block], 0, @values ++ [BB.Dsl.Words.Topology], __CALLER__)
 
   @doc """
   What hangs on the buses where they are simulated: `i2c` and `gpio`, with a `device` each.

@@ -3,7 +3,7 @@ defmodule BB.Dsl.Simulation do
 
   import BB.Dsl.Vocabulary, only: [entity: 5]
 
-  @inside [BB.Dsl.SimulatedBus]
+  @inside [BB.Dsl.Words.SimulatedBus]
 
   @doc """
   A simulated I2C bus, by its name: `i2c "i2c-1", clock_hz: 400_000 do … end`.

@@ -1,29 +1,52 @@
 defmodule BB.Dsl.Vocabulary do
   @moduledoc """
-  Makes the words of the DSL: macros that write down what a robot's module declares.
+  Makes the words of the DSL: macros that record the declaration of a robot's module.
 
-  The words for the inside of an entity are imported in its block only, so that they cannot clash with functions of the
-  robot's module:
+  The modules with words use it (`BB.Dsl.Words`). With `fields:` it defines a macro for each
+  field; a word that declares an entity is a macro which calls `entity/5`.
 
-      defmodule BB.Dsl.Axis do
-        use BB.Dsl.Vocabulary, fields: [:x, :y, :z]
+      defmodule Gripper do
+        use BB.Dsl.Vocabulary, fields: [:force]
+
+        @doc "Declares a finger of the gripper."
+        defmacro finger(name), do: entity(:finger, [name], 1, [], __CALLER__)
       end
 
-  An entity's arguments are evaluated in the body of the robot's module, so they may be any expressions, and entities may
-  stand in comprehensions.
+  A block imports the words for its inside, so that they cannot clash with functions of the
+  robot's module. The arguments of a word are evaluated in the body of the robot's module: they may
+  be any expressions, and entities may stand in comprehensions.
   """
 
   defmacro __using__(opts) do
-    for field <- Keyword.fetch!(opts, :fields) do
-      quote do
-        @doc "Sets the field `#{unquote(field)}` of the entity that it stands in."
+    quote bind_quoted: [fields: opts[:fields] || []] do
+      import BB.Dsl.Vocabulary, only: [entity: 5], warn: false
+
+      for field <- fields do
+        @doc "Sets the field `#{field}` of the entity around it."
         defmacro unquote(field)(value),
           do: BB.Dsl.Vocabulary.field(unquote(field), value, __CALLER__)
       end
     end
   end
 
-  @doc "The code that sets a field of the entity it stands in."
+  @doc """
+  Defines a module with the words of a block that has fields alone.
+
+  `block` names the block in the documentation of the module.
+  """
+  defmacro words(module, block, fields) do
+    quote do
+      defmodule unquote(module) do
+        @moduledoc "The words inside #{unquote(block)}, each of which sets a field."
+        @moduledoc no_example: "BB.Dsl has an example of the whole language"
+
+        use BB.Dsl.Vocabulary, fields: unquote(fields)
+      end
+    end
+  end
+
+  @doc "Returns the code that sets a field of the entity around it."
+  @spec field(atom(), Macro.t(), Macro.Env.t()) :: Macro.t()
   def field(name, value, caller) do
     quote do
       BB.Dsl.Builder.set(
@@ -36,9 +59,12 @@ defmodule BB.Dsl.Vocabulary do
   end
 
   @doc """
-  The code of an entity of `kind`. `args` is what its macro was given: at most `positions` plain arguments, then fields as
-  keywords, a block, or both. In the block the words of the modules `vocabulary` are known.
+  Returns the code of an entity of `kind`.
+
+  `args` are the arguments of the entity's macro: at most `positions` plain arguments, then fields
+  as keywords, a block, or both. The block imports the words of the modules `vocabulary`.
   """
+  @spec entity(atom(), [Macro.t()], non_neg_integer(), [module()], Macro.Env.t()) :: Macro.t()
   def entity(kind, args, positions, vocabulary, caller) do
     {block, args} = take_block(args)
     {fields, plain} = take_fields(args, positions)
@@ -52,7 +78,7 @@ defmodule BB.Dsl.Vocabulary do
         unquote(Macro.escape(place(caller)))
       )
 
-      unquote(inside(block, vocabulary))
+      unquote(with_words(block, vocabulary))
       BB.Dsl.Builder.close(__MODULE__)
     end
   end
@@ -82,10 +108,10 @@ defmodule BB.Dsl.Vocabulary do
     end
   end
 
-  # A clause keeps the imports to the block.
-  defp inside(nil, _vocabulary), do: nil
+  # The imports hold in the clause of the `case` alone.
+  defp with_words(nil, _vocabulary), do: nil
 
-  defp inside(block, vocabulary) do
+  defp with_words(block, vocabulary) do
     imports = Enum.map(vocabulary, &import_words/1)
 
     quote do

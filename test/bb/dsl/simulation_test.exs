@@ -117,8 +117,8 @@ defmodule BB.Dsl.SimulationTest do
     end
 
     test "a device outside of a bus" do
-      source = "simulation do\nBB.Dsl.SimulatedBus.device(0x68, BB.Bus.Sim.Mpu6050)\nend"
-      error = mistake("require BB.Dsl.SimulatedBus\n" <> source)
+      source = "simulation do\nBB.Dsl.Words.SimulatedBus.device(0x68, BB.Bus.Sim.Mpu6050)\nend"
+      error = mistake("require BB.Dsl.Words.SimulatedBus\n" <> source)
 
       assert error.reason =~
                "device cannot stand in simulation; it belongs in a simulated I2C bus"
