@@ -79,7 +79,8 @@ defmodule BB.Parameter.Persistence do
   def init({robot, module, opts}) do
     # The store is closed in terminate/2, and a store's process may die.
     Process.flag(:trap_exit, true)
-    Alarm.clear_left(robot)
+    # A predecessor that was killed has not cleared them.
+    Enum.each([:not_kept, :damaged], &Alarm.clear(alarm(robot, &1)))
     state = %__MODULE__{robot: robot, module: module, opts: opts, backlog: Values.unkept(robot)}
     {:ok, state |> open() |> save_backlog() |> settle()}
   end
@@ -100,8 +101,7 @@ defmodule BB.Parameter.Persistence do
   def terminate(_reason, state) do
     # A store that is not open is not waited for.
     _ = if state.session, do: close(serve(waiting(:infinity), state))
-    Alarm.clear(state.robot, :not_kept)
-    Alarm.clear(state.robot, :damaged)
+    Enum.each([:not_kept, :damaged], &Alarm.clear(alarm(state.robot, &1)))
   end
 
   # Requests
@@ -169,7 +169,7 @@ defmodule BB.Parameter.Persistence do
   end
 
   defp tell_damage(state, damage) do
-    Alarm.set(state.robot, :damaged, damage)
+    Alarm.set(alarm(state.robot, :damaged), damage)
     state
   end
 
@@ -233,7 +233,7 @@ defmodule BB.Parameter.Persistence do
 
   defp settle(%{session: %{}, backlog: backlog} = state) when backlog == %{} do
     if state.failure, do: Logger.info("#{title(state)} keeps values again")
-    Alarm.clear(state.robot, :not_kept)
+    Alarm.clear(alarm(state.robot, :not_kept))
     _ = if state.timer, do: Process.cancel_timer(state.timer)
     %{state | failure: nil, timer: nil, retry_ms: @retry_ms}
   end
@@ -245,7 +245,7 @@ defmodule BB.Parameter.Persistence do
       description: Reason.words(state.failure)
     }
 
-    Alarm.set(state.robot, :not_kept, description)
+    Alarm.set(alarm(state.robot, :not_kept), description)
     if state.timer, do: state, else: retry_later(state)
   end
 
@@ -254,6 +254,8 @@ defmodule BB.Parameter.Persistence do
     timer = Process.send_after(self(), :retry, state.retry_ms)
     %{state | timer: timer, retry_ms: min(2 * state.retry_ms, longest)}
   end
+
+  defp alarm(robot, kind), do: {BB.Parameter, robot, kind}
 
   defp warn(state, verb, reason) do
     Logger.warning(
