@@ -1,6 +1,6 @@
 defmodule BB.Dsl do
   @moduledoc """
-  How a robot is declared.
+  The language in which a robot is declared. `use BB` imports it into a robot's module.
 
       defmodule MyRobot do
         use BB
@@ -52,18 +52,18 @@ defmodule BB.Dsl do
         end
       end
 
-  Every entity works with and without parentheses, as a block or as keywords. The sections are described in
-  `BB.Dsl.Robot`, what stands in them in `BB.Dsl.Component`, `BB.Dsl.Words.Topology`, `BB.Dsl.Words.Link`, `BB.Dsl.Words.Joint`,
-  `BB.Dsl.Words.Parameters` and `BB.Dsl.Simulation`. A mistake raises `BB.Dsl.Error` while the module compiles.
+  Every entity can be written with or without parentheses, as a block or as keywords.
+  `BB.Dsl.Robot` documents the sections. The words inside them are in `BB.Dsl.Component`,
+  `BB.Dsl.Simulation` and `BB.Dsl.Words`. A mistake raises `BB.Dsl.Error` when the module compiles.
 
-  For `mix format` to leave the words without parentheses, put `import_deps: [:ganglion]` into `.formatter.exs`.
+  Put `import_deps: [:ganglion]` into `.formatter.exs`, so that `mix format` adds no parentheses.
   """
 
   defmacro __before_compile__(env) do
     robot = BB.Dsl.Compiler.robot(env.module, BB.Dsl.Builder.finish(env.module))
 
     quote do
-      @doc "The robot as declared: a `BB.Robot`."
+      @doc "Returns the declaration of the robot, a `BB.Robot`."
       @spec robot() :: BB.Robot.t()
       def robot, do: unquote(Macro.escape(robot))
     end

@@ -7,6 +7,10 @@ defmodule BB.DslTest do
 
   alias BB.Test.Probe
 
+  doctest BB.Dsl.Child
+  doctest BB.Dsl.Grammar
+  doctest BB.Dsl.Rules
+
   defmodule Judge do
     use BB.Sensor, options_schema: [answer: [type: :any]]
 
@@ -438,7 +442,7 @@ defmodule BB.DslTest do
       assert List.last(error.path) == :link_1
 
       assert error.reason ==
-               "sensor :deep stands 64 levels deep, and what it publishes would have a path of more " <>
+               "sensor :deep stands 64 levels deep, and the path of its messages would have more " <>
                  "than 64 segments; declare it further up"
 
       # One joint less is a robot.
@@ -606,7 +610,9 @@ defmodule BB.DslTest do
 
     test "a child that does not exist" do
       error = mistake("  sensors do\n    sensor :s, BB.Sensor.Nonesuch\n  end")
-      assert error.reason =~ "sensor :s: there is no module BB.Sensor.Nonesuch; correct its name"
+
+      assert error.reason =~
+               "sensor :s: module BB.Sensor.Nonesuch does not exist; correct its name"
     end
 
     test "a child that is neither a module nor a module with keywords" do
@@ -614,7 +620,7 @@ defmodule BB.DslTest do
                ~s(sensor :s: expected a module or {module, options}, got: "imu")
 
       assert mistake("sensors do\n sensor :s, {BB.Test.Probe, %{rate: 1}}\n end").reason ==
-               "sensor :s: its options must be keywords, got: %{rate: 1}"
+               "sensor :s: expected keywords for the options of BB.Test.Probe, got: %{rate: 1}"
     end
 
     test "an option that cannot be compiled" do

@@ -1,43 +1,46 @@
 defmodule BB.Dsl.Builder do
   @moduledoc """
-  Builds the tree of `BB.Dsl.Node` while a robot's module compiles. A declaration that breaks one of the `BB.Dsl.Rules`
-  raises `BB.Dsl.Error` at its place.
+  Builds the tree of `BB.Dsl.Node` when a robot's module compiles.
 
-  The words of the DSL call it from the module's body: `open/5` begins an entity, `set/4` sets a field of the innermost
-  one, `close/1` ends it. What is still open is a stack in a module attribute.
+  The words of the DSL call it from the module's body: `open/5` begins an entity, `set/4` sets a
+  field of the innermost entity, `close/1` ends it. A module attribute has the stack of open
+  entities. A declaration that breaks one of the `BB.Dsl.Rules` raises `BB.Dsl.Error`.
   """
+  @moduledoc no_example: "internal: the words of BB.Dsl call it"
 
-  alias BB.Dsl.{Error, Grammar, Node, Rules}
+  alias BB.Dsl.{Error, Grammar, Node, References, Rules}
 
   @state :bb_dsl
 
   defstruct [:module, stack: [], unnamed: %{}, seen: %{}]
 
-  @doc "Begins a robot."
+  @doc "Begins the declaration of a robot."
   @spec start(module(), Node.place()) :: :ok
   def start(module, place) do
     root = %Node{kind: :robot, path: [], place: place}
     save(%__MODULE__{module: module, stack: [root]})
   end
 
-  @doc "The finished tree."
+  @doc "Checks the declaration as a whole and returns its tree."
   @spec finish(module()) :: Node.t()
   def finish(module) do
     %__MODULE__{stack: [root]} = state = load(module)
-    root = in_order(root)
-    check_values(state, root, root, Rules.definitions(root))
+    root = order_nodes(root)
+    check_references(state, root, root, References.definitions(root))
     check_topics(state, root, (Node.fields_of(root, :settings) || %{})[:topic_prefix])
     Module.delete_attribute(module, @state)
     root
   end
 
-  @doc "Begins an entity with its plain arguments (a name, a child) and the fields that were given as keywords."
+  @doc """
+  Begins an entity with its plain arguments (a name, a child) and the fields of its keywords.
+  """
   @spec open(module(), atom(), [term()], keyword(), Node.place()) :: :ok
   def open(module, kind, arguments, fields, place) do
     state = load(module)
-    {name, arguments} = name(state, kind, arguments, place)
+    {name, arguments} = take_name(state, kind, arguments, place)
     parent = hd(state.stack)
-    check!(state, parent, place, Rules.placed(kind, name, parent))
+    check!(state, parent, place, Rules.check_place(kind, name, parent))
 
     node = %Node{
       kind: kind,
@@ -47,7 +50,7 @@ defmodule BB.Dsl.Builder do
       place: place
     }
 
-    save(%{remember(state, node) | stack: [node | state.stack]})
+    save(%{put_name(state, node) | stack: [node | state.stack]})
     set_all(module, fields, place)
   end
 
@@ -55,7 +58,7 @@ defmodule BB.Dsl.Builder do
   @spec set(module(), atom(), term(), Node.place()) :: :ok
   def set(module, field, value, place) do
     %{stack: [node | rest]} = state = load(module)
-    value = check!(state, node, place, Rules.field(node, field, value))
+    value = check!(state, node, place, Rules.check_field(node, field, value))
     save(%{state | stack: [%{node | fields: Map.put(node.fields, field, value)} | rest]})
   end
 
@@ -63,26 +66,26 @@ defmodule BB.Dsl.Builder do
   @spec close(module()) :: :ok
   def close(module) do
     %{stack: [node, parent | rest]} = state = load(module)
-    check!(state, node, node.place, Rules.complete(node))
-    save(%{state | stack: [%{parent | nodes: [in_order(node) | parent.nodes]} | rest]})
+    check!(state, node, node.place, Rules.check_complete(node))
+    save(%{state | stack: [%{parent | nodes: [order_nodes(node) | parent.nodes]} | rest]})
   end
 
-  # What refers to a parameter may stand before it.
-  defp check_values(state, node, parent, definitions) do
-    check!(state, node, node.place, Rules.settled(node, parent, definitions))
-    Enum.each(node.nodes, &check_values(state, &1, node, definitions))
+  # A reference may stand above the declaration of its parameter.
+  defp check_references(state, node, parent, definitions) do
+    check!(state, node, node.place, References.check(node, parent, definitions))
+    Enum.each(node.nodes, &check_references(state, &1, node, definitions))
   end
 
-  # The settings may stand below what they are about.
+  # The settings may stand below the components.
   defp check_topics(state, node, prefix) do
-    check!(state, node, node.place, Rules.topics(node, prefix))
+    check!(state, node, node.place, Rules.check_topics(node, prefix))
     Enum.each(node.nodes, &check_topics(state, &1, prefix))
   end
 
   defp set_all(module, fields, place) do
     unless Keyword.keyword?(fields) do
       state = load(module)
-      refuse!(state, hd(state.stack), place, "expected keywords, got: #{inspect(fields)}")
+      raise_error!(state, hd(state.stack), place, "expected keywords, got: #{inspect(fields)}")
     end
 
     Enum.each(fields, fn {field, value} -> set_or_open(module, field, value, place) end)
@@ -100,7 +103,7 @@ defmodule BB.Dsl.Builder do
     end
   end
 
-  defp name(state, kind, arguments, place) do
+  defp take_name(state, kind, arguments, place) do
     cond do
       not Grammar.named?(kind) ->
         {nil, arguments}
@@ -111,18 +114,18 @@ defmodule BB.Dsl.Builder do
       true ->
         parent = hd(state.stack)
         name = List.first(arguments)
-        check!(state, parent, place, Rules.name(kind, name, parent.kind))
+        check!(state, parent, place, Rules.check_name(kind, name, parent.kind))
         {name, Enum.drop(arguments, 1)}
     end
   end
 
   defp unnamed(state, kind), do: :"#{kind}_#{Map.get(state.unnamed, kind, 0)}"
 
-  defp remember(state, %{name: nil}), do: state
+  defp put_name(state, %{name: nil}), do: state
 
-  defp remember(state, %{kind: kind, name: name} = node) do
-    key = family(kind, node.path)
-    check!(state, node, node.place, Rules.unique(node, state.seen[key]))
+  defp put_name(state, %{kind: kind, name: name} = node) do
+    key = namespace(kind, node.path)
+    check!(state, node, node.place, Rules.check_unique(node, state.seen[key]))
 
     state = %{state | seen: Map.put(state.seen, key, node)}
 
@@ -131,17 +134,17 @@ defmodule BB.Dsl.Builder do
       else: state
   end
 
-  # Parameters have the names of their groups before theirs; all other names hold for the whole robot.
-  defp family(kind, path) when kind in [:param, :group], do: {:param, path}
-  defp family(kind, path) when kind in [:link, :joint], do: {kind, List.last(path)}
-  defp family(kind, path) when kind in [:i2c, :gpio, :device], do: {kind, path}
-  defp family(_kind, path), do: {:component, List.last(path)}
+  # The groups of a parameter are part of its name; all other names hold for the whole robot.
+  defp namespace(kind, path) when kind in [:param, :group], do: {:param, path}
+  defp namespace(kind, path) when kind in [:link, :joint], do: {kind, List.last(path)}
+  defp namespace(kind, path) when kind in [:i2c, :gpio, :device], do: {kind, path}
+  defp namespace(_kind, path), do: {:component, List.last(path)}
 
   defp check!(_state, _node, _place, :ok), do: :ok
   defp check!(_state, _node, _place, {:ok, value}), do: value
-  defp check!(state, node, place, {:error, reason}), do: refuse!(state, node, place, reason)
+  defp check!(state, node, place, {:error, reason}), do: raise_error!(state, node, place, reason)
 
-  defp refuse!(state, node, place, reason) do
+  defp raise_error!(state, node, place, reason) do
     raise Error,
       module: state.module,
       path: node.path,
@@ -152,5 +155,5 @@ defmodule BB.Dsl.Builder do
 
   defp load(module), do: Module.get_attribute(module, @state)
   defp save(state), do: Module.put_attribute(state.module, @state, state)
-  defp in_order(node), do: %{node | nodes: Enum.reverse(node.nodes)}
+  defp order_nodes(node), do: %{node | nodes: Enum.reverse(node.nodes)}
 end

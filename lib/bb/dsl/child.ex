@@ -1,20 +1,32 @@
 defmodule BB.Dsl.Child do
   @moduledoc """
-  The callback module of a component, or of the parameter store, and its options, as written in a declaration.
+  Parses and checks a child of a declaration: a callback module, alone or with its options.
+  Components, simulated devices and the parameter store are children. `BB.Dsl.Rules` and
+  `BB.Dsl.Compiler` use it.
+
+      iex> BB.Dsl.Child.parse({BB.Sensor.Mpu6050, bus: "i2c-1"})
+      {:ok, BB.Sensor.Mpu6050, [bus: "i2c-1"]}
+      iex> BB.Dsl.Child.parse(BB.Sensor.Mpu6050)
+      {:ok, BB.Sensor.Mpu6050, []}
   """
 
-  @doc "A child as `{:ok, module, options}`, or `{:error, reason}`."
+  @doc "Parses a child: `{:ok, module, options}`, or `{:error, reason}`."
   @spec parse(term()) :: {:ok, module(), keyword()} | {:error, String.t()}
   def parse({module, options}) when is_atom(module) and not is_nil(module) do
     if Keyword.keyword?(options),
       do: {:ok, module, options},
-      else: {:error, "its options must be keywords, got: #{inspect(options)}"}
+      else:
+        {:error,
+         "expected keywords for the options of #{inspect(module)}, got: #{inspect(options)}"}
   end
 
   def parse(module) when is_atom(module) and not is_nil(module), do: {:ok, module, []}
   def parse(other), do: {:error, "expected a module or {module, options}, got: #{inspect(other)}"}
 
-  @doc "Whether a child can be what a robot is made of: its module has the behaviour, its options can be compiled."
+  @doc """
+  Checks that the module of a child implements `behaviour`, and that its options can be compiled
+  into the robot's module.
+  """
   @spec check(term(), module()) :: :ok | {:error, String.t()}
   def check(child, behaviour) do
     with {:ok, module, options} <- parse(child),
@@ -27,13 +39,14 @@ defmodule BB.Dsl.Child do
       {:module, _} ->
         check_declared(module, behaviour)
 
-      # The module waits for this robot to compile, so nothing can be said about it yet.
+      # The module waits for this robot to compile, so it cannot be checked yet.
       {:error, :unavailable} ->
         :ok
 
       {:error, _} ->
         {:error,
-         "there is no module #{inspect(module)}; correct its name, or define it above the robot or in a file of its own"}
+         "module #{inspect(module)} does not exist; correct its name, " <>
+           "or define it above the robot or in a file of its own"}
     end
   end
 
@@ -42,7 +55,8 @@ defmodule BB.Dsl.Child do
       :ok
     else
       {:error,
-       "#{inspect(module)} does not implement #{inspect(behaviour)}; add `#{declaration(behaviour)}` to it"}
+       "#{inspect(module)} does not implement #{inspect(behaviour)}; " <>
+         "add `#{declaration(behaviour)}` to it"}
     end
   end
 

@@ -1,26 +1,28 @@
 defmodule BB.Dsl.Compiler do
   @moduledoc """
-  Turns a declaration (`BB.Dsl.Node`), which the builder has checked, into a `BB.Robot`.
+  Turns the checked declaration of a robot (`BB.Dsl.Node`) into a `BB.Robot`. `BB.Dsl` calls it
+  when a robot's module compiles.
   """
+  @moduledoc no_example: "internal: R.robot() returns its result"
 
   alias BB.{Component, Robot, Transmission}
-  alias BB.Dsl.{Child, Grammar, Node, Rules}
+  alias BB.Dsl.{Child, Grammar, Node, References}
   alias BB.Parameter.Reference
 
   @behaviours %{sensor: BB.Sensor, actuator: BB.Actuator, controller: BB.Controller}
   @collections %{sensor: :sensors, actuator: :actuators, controller: :controllers}
 
-  @doc "The robot that `node` declares."
+  @doc "Returns the robot that `node` declares."
   @spec robot(module(), Node.t()) :: Robot.t()
   def robot(module, %Node{kind: :robot} = node) do
     %Robot{name: module, settings: Node.fields_of(node, :settings) || %{}}
     |> Map.put(:parameters, parameters(node))
-    |> each(Node.nodes(node, :sensors), &components(&2, &1, [], nil))
-    |> each(Node.nodes(node, :controllers), &components(&2, &1, [], nil))
-    |> each(Node.nodes(node, :topology), &topology/2)
+    |> reduce(Node.nodes(node, :sensors), &add_components(&2, &1, [], nil))
+    |> reduce(Node.nodes(node, :controllers), &add_components(&2, &1, [], nil))
+    |> reduce(Node.nodes(node, :topology), &add_topology/2)
     |> Map.put(:simulation, simulation(node))
     |> Map.update!(:components, &Enum.reverse/1)
-    |> subscriptions()
+    |> put_subscriptions()
   end
 
   defp simulation(node) do
@@ -39,9 +41,9 @@ defmodule BB.Dsl.Compiler do
     end
   end
 
-  # In the order of the declaration, which is that of their places.
+  # In the order of the declaration.
   defp parameters(node) do
-    definitions = Rules.definitions(node)
+    definitions = References.definitions(node)
     for path <- param_paths(Node.nodes(node, :parameters)), do: Map.fetch!(definitions, path)
   end
 
@@ -52,13 +54,13 @@ defmodule BB.Dsl.Compiler do
     end)
   end
 
-  defp topology(section, robot) do
-    each(robot, Node.nodes(section, :link), fn link, robot ->
-      link(%{robot | root_link: link.name}, link, [], nil)
+  defp add_topology(section, robot) do
+    reduce(robot, Node.nodes(section, :link), fn link, robot ->
+      add_link(%{robot | root_link: link.name}, link, [], nil)
     end)
   end
 
-  defp link(robot, node, above, parent_joint) do
+  defp add_link(robot, node, above, parent_joint) do
     path = above ++ [node.name]
 
     link = %Robot.Link{
@@ -69,13 +71,13 @@ defmodule BB.Dsl.Compiler do
     }
 
     %{robot | links: Map.put(robot.links, node.name, link)}
-    |> components(node, path, {:link, node.name})
-    |> each(Node.nodes(node, :joint), fn joint, robot ->
-      joint(robot, joint, path, node.name)
+    |> add_components(node, path, {:link, node.name})
+    |> reduce(Node.nodes(node, :joint), fn joint, robot ->
+      add_joint(robot, joint, path, node.name)
     end)
   end
 
-  defp joint(robot, node, above, parent_link) do
+  defp add_joint(robot, node, above, parent_link) do
     path = above ++ [node.name]
     [child] = Node.nodes(node, :link)
 
@@ -93,16 +95,16 @@ defmodule BB.Dsl.Compiler do
     }
 
     %{robot | joints: Map.put(robot.joints, node.name, joint)}
-    |> components(node, path, {:joint, node.name})
-    |> link(child, path, node.name)
+    |> add_components(node, path, {:joint, node.name})
+    |> add_link(child, path, node.name)
   end
 
-  defp components(robot, node, path, place) do
+  defp add_components(robot, node, path, place) do
     components = Enum.filter(node.nodes, &(&1.kind in Grammar.components()))
-    each(robot, components, &attach(&2, &1, path, place))
+    reduce(robot, components, &add_component(&2, &1, path, place))
   end
 
-  defp attach(robot, %{name: name, kind: kind} = node, path, place) do
+  defp add_component(robot, %{name: name, kind: kind} = node, path, place) do
     component = component(node, path, place)
     attached = Map.take(component, [:name, :attached_to, :transmission])
 
@@ -134,9 +136,9 @@ defmodule BB.Dsl.Compiler do
   defp nanoseconds(nil), do: nil
   defp nanoseconds(%BB.Unit{} = time), do: round(BB.Unit.convert!(time, :nanosecond).value)
 
-  # What follows parameters
+  # Places that follow parameters
 
-  defp subscriptions(robot) do
+  defp put_subscriptions(robot) do
     places =
       Enum.flat_map(robot.components, &places_in_component/1) ++
         Enum.flat_map(robot.joints, &places_in_joint/1)
@@ -162,5 +164,5 @@ defmodule BB.Dsl.Compiler do
     do: for({key, %Reference{path: path}} <- fields, do: {path, place ++ [key]})
 
   defp names(node, kind), do: for(child <- Node.nodes(node, kind), do: child.name)
-  defp each(robot, nodes, change), do: Enum.reduce(nodes, robot, change)
+  defp reduce(robot, nodes, change), do: Enum.reduce(nodes, robot, change)
 end

@@ -1,5 +1,10 @@
 defmodule BB.Dsl.Component do
-  @moduledoc "The words that declare components: what runs as a process of its own and has a name."
+  @moduledoc """
+  The words that declare components: `sensor`, `actuator` and `controller`. A component has a name
+  and runs as a process of its own.
+
+      sensor :imu, {BB.Sensor.Mpu6050, bus: "i2c-1"}, max_silence: ~u(100 millisecond)
+  """
 
   import BB.Dsl.Vocabulary, only: [entity: 5]
 
@@ -8,15 +13,17 @@ defmodule BB.Dsl.Component do
   @controller [BB.Dsl.Words.Controller]
 
   @doc """
-  Declares a sensor: `sensor :imu, {BB.Sensor.Mpu6050, bus: "i2c-1"}`, or the module alone when it needs no options.
+  Declares a sensor: `sensor :imu, {BB.Sensor.Mpu6050, bus: "i2c-1"}`, or the module alone when
+  it needs no options.
 
   Fields, as keywords or in a block:
 
-    * `required` - whether the robot is of no use without it (`false`)
-    * `retain` - whether its last message is worth keeping for those who subscribe late (`false`)
-    * `max_silence` - the longest time between two of its messages, or of what it carries
-      elsewhere; a sensor silent for longer is `:stale`
-    * `transmission` - what is between it and the joint that it is attached to: `reduction`, `offset`, `reversed?`
+    * `required` - whether the robot is useless without the sensor (`false`)
+    * `retain` - whether the pubsub retains its last message for late subscribers (`false`)
+    * `max_silence` - the longest time between two messages that the sensor publishes or carries
+      elsewhere; a sensor that is silent for longer is `:stale`
+    * `transmission` - the transmission between the sensor and its joint: `reduction`, `offset`,
+      `reversed?`
   """
   defmacro sensor(name, child), do: entity(:sensor, [name, child], 2, @sensor, __CALLER__)
 
@@ -29,7 +36,11 @@ defmodule BB.Dsl.Component do
   @doc """
   Declares an actuator of a joint: `actuator :servo, {MyRobot.Servo, channel: 0}`.
 
-  Inside, or as keywords: `required` - whether the robot is of no use without it (`false`), and `transmission`.
+  Fields, as keywords or in a block:
+
+    * `required` - whether the robot is useless without the actuator (`false`)
+    * `transmission` - the transmission between the actuator and its joint: `reduction`, `offset`,
+      `reversed?`
   """
   defmacro actuator(name, child), do: entity(:actuator, [name, child], 2, @actuator, __CALLER__)
 
@@ -40,9 +51,11 @@ defmodule BB.Dsl.Component do
     do: entity(:actuator, [name, child, fields, block], 2, @actuator, __CALLER__)
 
   @doc """
-  Declares a controller in `controllers`: `controller :balance, {MyRobot.Balance, gain: param([:balance, :gain])}`.
+  Declares a controller in `controllers`:
 
-  Field: `required` - whether the robot is of no use without it (`false`).
+      controller :balance, {MyRobot.Balance, gain: param([:balance, :gain])}
+
+  Field: `required` - whether the robot is useless without the controller (`false`).
   """
   defmacro controller(name, child),
     do: entity(:controller, [name, child], 2, @controller, __CALLER__)

@@ -1,11 +1,17 @@
 defmodule BB.Dsl.Error do
   @moduledoc """
-  A mistake in a robot's declaration, raised while the robot's module compiles.
+  A mistake in the declaration of a robot. The compiler raises it at the place of the mistake:
+
+      ** (BB.Dsl.Error) MyRobot, [:topology, :base_link, :shoulder] (lib/my_robot.ex:12): joint
+      :shoulder has no type; add `type` with one of :revolute, :continuous, :prismatic, :fixed
+
+  Its fields:
 
     * `:module` - the robot
-    * `:path` - the place in the declaration: sections, entities by their names, `[:topology, :base_link, :shoulder]`
+    * `:path` - the place in the declaration: sections and the names of entities, such as
+      `[:topology, :base_link, :shoulder]`
     * `:file`, `:line` - the place in the source
-    * `:reason` - what is wrong and what to do about it
+    * `:reason` - the mistake and its remedy
   """
 
   @type t :: %__MODULE__{
@@ -23,7 +29,7 @@ defmodule BB.Dsl.Error do
     "#{inspect(error.module)}, #{inspect(error.path)} (#{place(error)}): #{error.reason}"
   end
 
-  @doc "`file:line`, the file relative to the current directory."
+  @doc "Formats a place as `file:line`, with the file relative to the current directory."
   @spec place(%{:file => String.t(), :line => non_neg_integer(), optional(atom()) => term()}) ::
           String.t()
   def place(%{file: file, line: line}), do: "#{Path.relative_to_cwd(file)}:#{line}"

@@ -1,7 +1,12 @@
 defmodule BB.Dsl.Grammar do
   @moduledoc """
-  What may stand where in a robot's declaration: for each entity its fields, as a schema of `BB.Options`, and the entities
-  that may stand inside it.
+  The grammar of a robot's declaration: the fields of each entity, as a schema of `BB.Options`,
+  and the entities that may stand inside it. Pure. The rules of `BB.Dsl` read it.
+
+      iex> BB.Dsl.Grammar.entities(:link)
+      [:sensor, :joint]
+      iex> BB.Dsl.Grammar.homes(:axis)
+      [:joint]
   """
 
   @kinds [:robot, :settings, :sensors, :controllers, :topology, :link, :joint] ++
@@ -13,10 +18,11 @@ defmodule BB.Dsl.Grammar do
 
   @joint_types [:revolute, :continuous, :prismatic, :fixed]
 
-  @doc "The types of joints."
+  @doc "Returns the types of joints."
+  @spec joint_types() :: [atom()]
   def joint_types, do: @joint_types
 
-  @doc "The entities that may stand inside one of `kind`."
+  @doc "Returns the entities that may stand inside an entity of `kind`."
   @spec entities(atom()) :: [atom()]
   def entities(:robot),
     do: [:settings, :parameters, :sensors, :controllers, :topology, :simulation]
@@ -32,20 +38,24 @@ defmodule BB.Dsl.Grammar do
   def entities(kind) when kind in [:sensor, :actuator], do: [:transmission]
   def entities(_kind), do: []
 
-  @doc "The entities that have a name."
+  @doc "Tells whether entities of `kind` have a name."
+  @spec named?(atom()) :: boolean()
   def named?(kind),
     do: kind in [:link, :joint, :param, :group, :i2c, :gpio, :device | @components]
 
-  @doc "Whether an entity that has a name may be declared without one."
+  @doc "Tells whether an entity of `kind` may be declared without its name."
+  @spec nameless?(atom()) :: boolean()
   def nameless?(kind), do: kind in [:link, :joint]
 
-  @doc "The kinds of components."
+  @doc "Returns the kinds of components."
+  @spec components() :: [atom()]
   def components, do: @components
 
-  @doc "Whether a field of `kind` may be the value of a parameter."
+  @doc "Tells whether the fields of an entity of `kind` may refer to a parameter."
+  @spec follows?(atom()) :: boolean()
   def follows?(kind), do: kind in [:origin, :axis, :limit, :transmission]
 
-  @doc "The fields of an entity of `kind`."
+  @doc "Returns the fields of an entity of `kind`."
   @spec fields(atom()) :: BB.Options.schema()
   def fields(:settings) do
     [
@@ -113,7 +123,10 @@ defmodule BB.Dsl.Grammar do
   def fields(:dynamics), do: [damping: [type: :number], friction: [type: :number]]
   def fields(_kind), do: []
 
-  @doc "The fields of a limit for a joint of `type`: their kind of unit depends on how the joint moves."
+  @doc """
+  Returns the fields of a limit for a joint of `type`. Their units depend on the movement of the
+  joint.
+  """
   @spec limit_fields(atom()) :: BB.Options.schema()
   def limit_fields(:prismatic) do
     [
@@ -135,20 +148,56 @@ defmodule BB.Dsl.Grammar do
     ]
   end
 
-  @doc "The fields of a transmission at a joint of `type`: the offset is in the joint's space."
+  @doc """
+  Returns the fields of a transmission at a joint of `type`. The offset has the unit of the joint.
+  """
   @spec transmission_fields(atom()) :: BB.Options.schema()
   def transmission_fields(type) do
     offset = if type == :prismatic, do: a_length(), else: an_angle()
     Keyword.put(fields(:transmission), :offset, type: offset)
   end
 
-  @doc "All words that may stand inside an entity of `kind`."
+  @doc "Returns all words that may stand inside an entity of `kind`."
   @spec words(atom()) :: [atom()]
   def words(kind), do: Keyword.keys(fields(kind)) ++ entities(kind)
 
-  @doc "The entities in which a word may stand."
+  @doc "Returns the kinds of entities in which a word may stand."
   @spec homes(atom()) :: [atom()]
   def homes(word), do: Enum.filter(@kinds, &(word in words(&1)))
+
+  @doc """
+  Casts the value of one field: `{:ok, value}`, or `{:error, reason}`.
+
+      iex> BB.Dsl.Grammar.cast(BB.Dsl.Grammar.fields(:axis), :x, "1")
+      {:error, ~s(invalid value for :x option: expected number, got: "1")}
+  """
+  @spec cast(BB.Options.schema(), atom(), term()) :: {:ok, term()} | {:error, String.t()}
+  def cast(schema, field, value) do
+    case BB.Options.validate([{field, value}], Keyword.take(schema, [field])) do
+      {:ok, options} -> {:ok, options[field]}
+      {:error, error} -> {:error, Exception.message(error)}
+    end
+  end
+
+  @doc """
+  Describes a kind of entity in an error message.
+
+      iex> BB.Dsl.Grammar.describe(:i2c)
+      "a simulated I2C bus"
+  """
+  @spec describe(atom()) :: String.t()
+  def describe(:robot), do: "the robot itself"
+  def describe(:i2c), do: "a simulated I2C bus"
+  def describe(:gpio), do: "a simulated chip of lines"
+  def describe(:param), do: "a parameter"
+
+  def describe(kind)
+      when kind in [:settings, :parameters, :sensors, :controllers, :topology] or
+             kind in [:simulation, :dynamics],
+      do: "#{kind}"
+
+  def describe(kind) when kind in [:origin, :axis, :actuator], do: "an #{kind}"
+  def describe(kind), do: "a #{kind}"
 
   @doc false
   def check_unit(%BB.Unit{} = value, unit, expected) do
@@ -162,7 +211,8 @@ defmodule BB.Dsl.Grammar do
 
   def check_reduction(value) do
     {:error,
-     "expected a number above zero, motor turns per joint turn, got: #{inspect(value)}; for a motor that turns the other way add `reversed? true`"}
+     "expected a number above zero, motor turns per joint turn, got: #{inspect(value)}; " <>
+       "add `reversed? true` for a motor that turns the other way"}
   end
 
   @doc false

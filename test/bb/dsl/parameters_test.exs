@@ -231,7 +231,7 @@ defmodule BB.Dsl.ParametersTest do
       assert error.line == 11
 
       assert error.reason ==
-               ":rate is param([:imu, :rtae]), and there is no such parameter; declare it in `parameters`, or correct the path: a close one is [:imu, :rate]"
+               ":rate is param([:imu, :rtae]), and the robot has no such parameter; declare it in `parameters`, or correct the path: a close one is [:imu, :rate]"
 
       error = mistake("sensors do\n sensor :s, {BB.Test.Probe, rate: param([:rate])}\n end")
 
@@ -368,7 +368,7 @@ defmodule BB.Dsl.ParametersTest do
                "expected a number above zero, motor turns per joint turn, got: 0"
 
       assert joint.(":revolute", "reduction: -2") =~
-               "for a motor that turns the other way add `reversed? true`"
+               "add `reversed? true` for a motor that turns the other way"
 
       assert joint.(":revolute", "offset: ~u(1 meter)") ==
                "sensor :s: transmission: invalid value for :offset option: expected an angle such as ~u(90 degree), got: 1 meter"

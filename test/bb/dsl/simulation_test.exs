@@ -68,7 +68,7 @@ defmodule BB.Dsl.SimulationTest do
       "a bus that stands there twice": {~s|i2c "i2c-1"
       i2c "i2c-1"|, ["the simulated i2c-1 is declared twice", "put both into one"]},
       "a bus without a name": {~s|i2c do
-      end|, [~s(must be text such as "i2c-1", got: nil)]},
+      end|, [~s(must be a string such as "i2c-1", got: nil)]},
       "a chip whose name is no text":
         {~s|gpio :gpiochip0|, [~s(such as "gpiochip0", got: :gpiochip0)]},
       "a field that a bus has not": {~s|i2c "i2c-1", hertz: 400_000|, [":hertz", ":clock_hz"]},
@@ -78,7 +78,7 @@ defmodule BB.Dsl.SimulationTest do
       end|, ["a device has no :source"]},
       "a module that is not there": {~s|i2c "i2c-1" do
         device 0x68, BB.Bus.Sim.Mpu6051
-      end|, ["device at 0x68", "there is no module BB.Bus.Sim.Mpu6051"]},
+      end|, ["device at 0x68", "module BB.Bus.Sim.Mpu6051 does not exist"]},
       "a driver in the place of a chip": {~s|i2c "i2c-1" do
         device 0x68, {BB.Sensor.Mpu6050, bus: "i2c-1"}
       end|, ["BB.Sensor.Mpu6050 does not implement BB.Bus.Sim.Device"]},
