@@ -1,20 +1,39 @@
 defmodule BB do
   @moduledoc """
-  Robots: what they sense, who listens, and what keeps them running.
+  Makes a module a robot, and reaches the pubsub and the processes of a robot that runs.
 
-  `use BB` makes a module a robot. It imports the DSL (`BB.Dsl`) and defines:
+  Use it for every robot, and for everyday calls; `BB.PubSub` has all functions of the pubsub. The
+  argument `robot` is the robot's module.
 
-    * `robot/0` - the declaration as data, a `BB.Robot`
-    * `start_link/0,1` - starts the robot's processes (`BB.Supervisor`), registered under the module's name; `params:` sets
-      parameters (`BB.Parameter`), `topic_prefix:` goes before the names of its ring topics (`BB.Topic`)
-    * `child_spec/0,1` - for a place under a supervisor
+      defmodule MyRobot do
+        use BB
 
-  A wrong option of a component, or a wrong parameter, fails the start with `{:error, %BB.Options.ValidationError{}}`, whose
-  `Exception.message/1` names the option and its place. Everything that the world does wrong (an absent device, a crash,
-  an unplugged wire) leaves the robot running; `BB.Sensor.health/1` tells about it.
+        topology do
+          link :base_link do
+            sensor :imu, {BB.Sensor.Mpu6050, bus: "i2c-1"}
+          end
+        end
+      end
 
-  The functions of this module are the everyday face of `BB.PubSub` and of a robot's processes; `robot` is always the
-  robot's module.
+      {:ok, _} = MyRobot.start_link()
+      {:ok, _} = BB.subscribe(MyRobot, [:sensor])
+
+  ## `use BB`
+
+  When you `use BB`, the module imports the DSL (`BB.Dsl`) and defines:
+
+    * `robot/0` - returns the declaration as data, a `BB.Robot`
+    * `start_link/0,1` - starts the robot's processes, registered under the module's name
+      (`BB.Supervisor`). The option `params:` sets parameters (`BB.Parameter`), `topic_prefix:` sets
+      the prefix of the names of its ring topics (`BB.Topic`)
+    * `child_spec/0,1` - returns the child specification of the robot for a supervisor
+
+  ## Errors
+
+  A wrong option of a component or a wrong parameter fails the start with
+  `{:error, %BB.Options.ValidationError{}}`. Its message names the option and its place. A fault
+  of the world, such as an absent device, a crash or an unplugged wire, leaves the robot
+  running; `BB.Sensor.health/1` reports it.
   """
 
   @call_timeout_ms 5_000
@@ -30,11 +49,14 @@ defmodule BB do
       BB.Dsl.Builder.start(__MODULE__, unquote(place))
       @before_compile BB.Dsl
 
-      @doc "A place for the robot under a supervisor."
+      @doc "Returns the child specification of the robot for a supervisor."
+      @spec child_spec(keyword()) :: Supervisor.child_spec()
       def child_spec(opts \\ []),
         do: %{id: __MODULE__, start: {__MODULE__, :start_link, [opts]}, type: :supervisor}
 
       @doc "Starts the robot. See `BB.Supervisor.start_link/2`."
+      @spec start_link(keyword()) ::
+              Supervisor.on_start() | {:error, BB.Options.ValidationError.t()}
       def start_link(opts \\ []), do: BB.Supervisor.start_link(__MODULE__, opts)
     end
   end
@@ -49,9 +71,10 @@ defmodule BB do
   defdelegate publish(robot, path, message, opts \\ []), to: BB.PubSub
 
   @doc """
-  The ring topic of a name that the robot's components declare: with the robot's prefix (`BB.Topic`).
+  Returns the name of a ring topic with the robot's prefix (`BB.Topic`).
 
-  Raises `ArgumentError` when that is no topic's name.
+  `name` is the name that a component of the robot declares. Raises `ArgumentError` when the
+  result cannot name a topic.
   """
   @spec topic(module(), BB.Topic.name()) :: String.t()
   def topic(robot, name) do
@@ -64,17 +87,26 @@ defmodule BB do
   @doc """
   Calls a component by its name and returns its reply.
 
-  Exits as `GenServer.call/3` does when the component is down (`:noproc`) or does not reply in time.
+  Exits as `GenServer.call/3` does when the component is down (`:noproc`) or does not reply in
+  time.
   """
   @spec call(module(), atom(), term(), timeout()) :: term()
   def call(robot, name, request, timeout \\ @call_timeout_ms),
     do: GenServer.call(BB.Process.via(robot, name), request, timeout)
 
-  @doc "Casts to a component by its name: `:ok`, also while it is down, when the request is lost."
+  @doc """
+  Casts a request to a component by its name, and returns `:ok`.
+
+  The request is lost while the component is down.
+  """
   @spec cast(module(), atom(), term()) :: :ok
   def cast(robot, name, request), do: GenServer.cast(BB.Process.via(robot, name), request)
 
-  @doc "Sends a message to a component by its name and returns it. While the component is down the message is lost."
+  @doc """
+  Sends a message to a component by its name, and returns the message.
+
+  The message is lost while the component is down.
+  """
   @spec send(module(), atom(), message) :: message when message: term()
   def send(robot, name, message) do
     case BB.Process.whereis(robot, name) do

@@ -54,7 +54,8 @@ defmodule BB.Dsl do
 
   Every entity can be written with or without parentheses, as a block or as keywords.
   `BB.Dsl.Robot` documents the sections. The words inside them are in `BB.Dsl.Component`,
-  `BB.Dsl.Simulation` and `BB.Dsl.Words`. A mistake raises `BB.Dsl.Error` when the module compiles.
+  `BB.Dsl.Simulation` and `BB.Dsl.Words`. A mistake raises `BB.Dsl.Error` when the module is
+  compiled.
 
   Put `import_deps: [:ganglion]` into `.formatter.exs`, so that `mix format` adds no parentheses.
   """

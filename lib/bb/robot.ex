@@ -1,23 +1,33 @@
 defmodule BB.Robot do
   @moduledoc """
-  A robot as its module declares it: data, made when the module compiles. `R.robot()` returns it.
+  The declaration of a robot as data. The compiler makes it from the robot's module, and
+  `MyRobot.robot()` returns it. Use it to list a robot's parts.
+
+      Map.keys(MyRobot.robot().sensors)
+      {:ok, shoulder} = BB.Robot.fetch_joint(MyRobot.robot(), :shoulder)
+
+  Its fields:
 
     * `:name` - the robot's module
-    * `:settings` - what stands in `settings`: `%{name: :my_robot}`
+    * `:settings` - the fields of `settings`, such as `%{name: :my_robot}`
     * `:root_link` - the name of the root link, `nil` without a topology
     * `:links`, `:joints` - by name: `BB.Robot.Link`, `BB.Robot.Joint`
-    * `:sensors` - by name: `%{name: name, attached_to: nil | {:link, name} | {:joint, name}, transmission: t}`; t is
-      a `BB.Transmission` or `nil`
+    * `:sensors` - by name, a map with `:name`, `:attached_to` (`nil`, `{:link, name}` or
+      `{:joint, name}`) and `:transmission` (a `BB.Transmission` or `nil`)
     * `:actuators`, `:controllers` - by name, as sensors
-    * `:parameters` - their definitions in the order of the declaration: `BB.Parameter.Definition`
-    * `:components` - all components in the order of their declaration, what the supervisors start: `BB.Component`
-    * `:simulation` - what hangs on the simulated buses, as `BB.Bus.Sim` and `BB.Bus.Sim.Lines` take it:
+    * `:parameters` - their definitions in the order of the declaration, each a
+      `BB.Parameter.Definition`
+    * `:components` - all components in the order of the declaration, each a `BB.Component`; the
+      supervisors start them
+    * `:simulation` - the simulated buses and their devices, as `BB.Bus.Sim` and
+      `BB.Bus.Sim.Lines` take them:
       `%{i2c: [{"i2c-1", clock_hz: 400_000, devices: [{0x68, device}]}], gpio: […]}`
-    * `:param_subscriptions` - which fields follow which parameters: for each path of a parameter the places, as
-      `[:sensors, :imu, :rate]` for an option, `[:sensors, :encoder, :transmission, :offset]`,
-      `[:joints, :shoulder, :limit, :upper]`
+    * `:param_subscriptions` - the fields that follow each parameter, by the path of the
+      parameter: `[:sensors, :imu, :rate]` for an option, `[:sensors, :encoder, :transmission,
+      :offset]`, `[:joints, :shoulder, :limit, :upper]`
 
-  A field that follows a parameter has a `BB.Parameter.Reference` here; `BB.Parameter.resolve/2` gives the values of now.
+  A field that follows a parameter is a `BB.Parameter.Reference`; `BB.Parameter.resolve/2`
+  replaces references by the current values.
   """
 
   alias BB.Component
@@ -60,15 +70,15 @@ defmodule BB.Robot do
           param_subscriptions: %{BB.Parameter.path() => [[atom()]]}
         }
 
-  @doc "The link of that name: `{:ok, link}` or `:error`."
+  @doc "Fetches a link by its name: `{:ok, link}` or `:error`."
   @spec fetch_link(t(), atom()) :: {:ok, Link.t()} | :error
   def fetch_link(%__MODULE__{links: links}, name), do: Map.fetch(links, name)
 
-  @doc "The joint of that name: `{:ok, joint}` or `:error`."
+  @doc "Fetches a joint by its name: `{:ok, joint}` or `:error`."
   @spec fetch_joint(t(), atom()) :: {:ok, Joint.t()} | :error
   def fetch_joint(%__MODULE__{joints: joints}, name), do: Map.fetch(joints, name)
 
-  @doc "The component of that name: `{:ok, component}` or `:error`."
+  @doc "Fetches a component by its name: `{:ok, component}` or `:error`."
   @spec fetch_component(t(), atom()) :: {:ok, Component.t()} | :error
   def fetch_component(%__MODULE__{components: components}, name) do
     case Enum.find(components, &(&1.name == name)) do
@@ -77,7 +87,10 @@ defmodule BB.Robot do
     end
   end
 
-  @doc "The components on the robot itself (`nil`), on a link or on a joint, in the order of their declaration."
+  @doc """
+  Returns the components on the robot itself (`nil`), on a link or on a joint, in the order of the
+  declaration.
+  """
   @spec components_on(t(), Component.attachment()) :: [Component.t()]
   def components_on(%__MODULE__{components: components}, place),
     do: Enum.filter(components, &(&1.attached_to == place))

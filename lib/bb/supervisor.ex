@@ -1,22 +1,23 @@
 defmodule BB.Supervisor do
   @moduledoc """
-  The root of a robot's processes, registered under the robot's module.
+  The root supervisor of a robot, registered under the robot's module. `use BB` defines
+  `MyRobot.start_link/1`, which starts it.
 
       MyRobot                          one_for_one
-      ├── MyRobot.Registry             names of components
-      ├── MyRobot.PubSub               the bus
-      ├── runtime                      BB.Parameter.Supervisor, the robot's parameters
-      ├── ▌ BB.Supervisor.Simulation   simulated buses, where the robot declares and has them
-      ├── BB.Safety.Latch              holds the end until the robot is disarmed
+      ├── MyRobot.Registry             the names of components
+      ├── MyRobot.PubSub               the pubsub
+      ├── runtime                      BB.Parameter.Supervisor, the parameters
+      ├── ▌ BB.Supervisor.Simulation   simulated buses, if the robot declares and uses them
+      ├── BB.Safety.Latch              delays the end until the robot is disarmed
       └── topology                     BB.Supervisor.Topology
           ├── :battery                 BB.Component.Keeper ── BB.Component.Server
           └── link :base_link          BB.Supervisor.Topology
               ├── :imu                 BB.Component.Keeper ── BB.Component.Server
               └── joint :shoulder      BB.Supervisor.Topology …
 
-  A component that crashes, hangs or misses its device is its keeper's matter alone (`BB.Component.Keeper`): no supervisor
-  notices, so none ever restarts for it. ▌ is a bulkhead (`BB.Process.Bulkhead`): simulated buses that
-  end are started again there.
+  A keeper handles each component that crashes, hangs or misses its device
+  (`BB.Component.Keeper`). No supervisor sees such a failure, so none restarts for it. ▌ is a
+  bulkhead (`BB.Process.Bulkhead`), which starts simulated buses again when they end.
   """
 
   use Supervisor
@@ -33,26 +34,28 @@ defmodule BB.Supervisor do
                type: :keyword_list,
                default: [],
                doc:
-                 "Values of parameters, nested as they are: `[imu: [rate: ~u(50 hertz)]]`. They go before persisted values and defaults."
+                 "Values of parameters, nested as the parameters: `[imu: [rate: ~u(50 hertz)]]`. " <>
+                   "They override persisted values and defaults."
              ],
              topic_prefix: [
                type: {:or, [{:custom, BB.Topic, :check_prefix, []}, nil]},
                default: nil,
                doc:
-                 "What goes before the names of its ring topics (`BB.Topic`); `nil` is that of its settings."
+                 "The prefix of the names of the robot's ring topics (`BB.Topic`); `nil` for " <>
+                   "the prefix of the robot's settings."
              ]
            )
 
   @doc """
   Starts a robot.
 
-  Options of a component that its schema refuses are a mistake in the robot's declaration: nothing is started then, and the
-  result is `{:error, error}` with a `BB.Options.ValidationError`. `Exception.message(error)` is a sentence for people, which
-  ends in the path of the component:
+  Returns `{:error, error}` with a `BB.Options.ValidationError`, and starts nothing, when a
+  component's schema refuses its options, or when a value in `params:` is wrong. The message of
+  the error ends in the path of the component:
 
       unknown options [:buss], valid options are: [:bus, :rate] (in options [:base_link, :imu])
 
-  The same holds for a value of a parameter in `params:`.
+  ## Options
 
   #{BB.Options.docs(@options)}
   """
@@ -62,9 +65,9 @@ defmodule BB.Supervisor do
 
     with {:ok, opts} <- BB.Options.validate(opts, @options),
          {:ok, given} <- Startup.given(declared.parameters, opts[:params]),
-         :ok <- check(declared.components, robot, values(declared.parameters, given)),
+         :ok <- check_options(declared.components, robot, values(declared.parameters, given)),
          :ok <- check_topics(declared.components, opts[:topic_prefix]) do
-      # That of a robot that runs stays.
+      # A robot that runs keeps its prefix.
       _ = if Process.whereis(robot) == nil, do: Topic.put_prefix(robot, opts[:topic_prefix])
       supervisor = BB.Process.supervisor_module(robot)
       supervisor.start_link(__MODULE__, {robot, given}, name: robot)
@@ -72,8 +75,10 @@ defmodule BB.Supervisor do
   end
 
   @doc """
-  Why a robot was not started, as a sentence: for the error of `start_link/2`, and for that of a supervisor or an application
-  which has the robot among its children.
+  Formats the reason for which a robot did not start.
+
+  Takes the error of `start_link/2`, or the error of a supervisor or an application with the robot
+  among its children.
 
       iex> error = %BB.Options.ValidationError{message: "unknown options [:buss]", keys_path: [:imu]}
       iex> BB.Supervisor.format_error({:shutdown, {:failed_to_start_child, MyRobot, error}})
@@ -86,7 +91,8 @@ defmodule BB.Supervisor do
   def format_error(error) when is_exception(error), do: Exception.message(error)
   def format_error(reason), do: Exception.format_exit(reason)
 
-  # It stands in a table for as long as the component forbids arming, and is shown to who tries.
+  # The bytes of an inhibition's reason, which a table holds as long as the component forbids
+  # arming.
   @largest_reason 65_536
 
   @impl Supervisor
@@ -94,7 +100,7 @@ defmodule BB.Supervisor do
     _ = inhibit(robot)
     BB.Safety.Warden.watch(robot, :root)
 
-    # What is disarmed at the end finds its buses.
+    # Components come last, so that they find their buses when they are disarmed at the end.
     children =
       [
         Successor.child_spec(BB.Process.registry_spec(robot)),
@@ -105,17 +111,17 @@ defmodule BB.Supervisor do
     Supervisor.init(children, strategy: :one_for_one)
   end
 
-  # Before anybody can arm it.
+  # Before the robot can be armed.
   defp inhibit(robot) do
     for %{module: module, path: path} <- robot.robot().components,
         Code.ensure_loaded?(module) and function_exported?(module, :inhibition, 0),
         do: BB.Safety.inhibit(robot, path, inhibition(module))
   end
 
-  # One that cannot say why the robot may not be armed does not say that it may.
+  # A component that fails to give its reason forbids arming too.
   defp inhibition(module) do
     opts = [
-      accept: &small/1,
+      accept: &accept_small/1,
       expected: "a reason of #{@largest_reason} bytes at most",
       instead: "the robot may not be armed until the component allows it"
     ]
@@ -126,27 +132,27 @@ defmodule BB.Supervisor do
     end
   end
 
-  defp small(reason),
+  defp accept_small(reason),
     do: if(:erlang.external_size(reason) <= @largest_reason, do: {:ok, reason}, else: :error)
 
   defp values(definitions, given),
     do: definitions |> Map.new(&{&1.path, &1.default}) |> Map.merge(given)
 
-  # What a component's own check cannot tell is that component's trouble: it shows at its start.
-  defp check(components, robot, values) do
+  # A check that fails by itself shows when the component starts.
+  defp check_options(components, robot, values) do
     components
     |> Enum.map(&{Resolution.of(robot, &1), values})
-    |> Enum.filter(&known?/1)
+    |> Enum.filter(&resolvable?/1)
     |> Checked.options()
     |> Enum.find(:ok, &match?({:error, %ValidationError{}}, &1))
   end
 
-  # Those of the settings were checked with the declaration.
+  # The compiler has checked the prefix of the settings.
   defp check_topics(_components, nil), do: :ok
 
   defp check_topics(components, prefix) do
     Enum.find_value(components, :ok, fn component ->
-      Enum.find_value(topics(component), &misnamed(&1, prefix, component.path))
+      Enum.find_value(topics(component), &topic_error(&1, prefix, component.path))
     end)
   end
 
@@ -154,25 +160,31 @@ defmodule BB.Supervisor do
     opts = [expected: "a list of names", instead: "its topics are checked when it starts"]
 
     if Code.ensure_loaded?(module) and function_exported?(module, :topics, 1),
-      do: names(Callback.call({module, :topics, [options]}, [accept: &accept_names/1] ++ opts)),
+      do:
+        topic_names(
+          Callback.call({module, :topics, [options]}, [accept: &accept_names/1] ++ opts)
+        ),
       else: []
   end
 
-  defp names({:ok, names}), do: names
-  defp names({:error, _failure}), do: []
+  defp topic_names({:ok, names}), do: names
+  defp topic_names({:error, _failure}), do: []
 
   defp accept_names(names),
     do: if(is_list(names) and Enum.all?(names, &is_binary/1), do: {:ok, names}, else: :error)
 
-  defp misnamed(name, prefix, path) do
-    with {:error, why} <- Topic.resolve(name, prefix),
-         do:
-           {:error,
-            %ValidationError{message: why, key: :topic_prefix, value: prefix, keys_path: path}},
-         else: (_ok -> nil)
+  defp topic_error(name, prefix, path) do
+    case Topic.resolve(name, prefix) do
+      {:ok, _topic} ->
+        nil
+
+      {:error, why} ->
+        error = %ValidationError{message: why, key: :topic_prefix, value: prefix, keys_path: path}
+        {:error, error}
+    end
   end
 
   # A parameter without a default may have a persisted value.
-  defp known?({resolution, values}),
+  defp resolvable?({resolution, values}),
     do: Enum.all?(Resolution.paths(resolution), &(values[&1] != nil))
 end

@@ -41,7 +41,7 @@ defmodule BB.Dsl.Robot do
   defmacro controllers(block),
     do: entity(:controllers, [block], 0, @values ++ [BB.Dsl.Component], __CALLER__)
 
-  @doc "Declares the links and joints of the robot, a tree with one root link, and their components."
+  @doc "Declares the links and joints of the robot, a tree with one root link."
   defmacro topology(block),
     do: entity(:topology, [block], 0, @values ++ [BB.Dsl.Words.Topology], __CALLER__)
 

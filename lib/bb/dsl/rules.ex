@@ -35,8 +35,8 @@ defmodule BB.Dsl.Rules do
       :ok
     else
       {:error,
-       "a device on #{Grammar.describe(:i2c)} stands at an address from 0 to 127 such as 0x68, " <>
-         "got: #{inspect(address)}"}
+       "a device on #{Grammar.describe(:i2c)} stands at an address from 0 to 127 " <>
+         "such as 0x68, got: #{inspect(address)}"}
     end
   end
 
@@ -62,7 +62,7 @@ defmodule BB.Dsl.Rules do
     end
   end
 
-  # The path of a component's messages is its path in the declaration behind a word such as :sensor.
+  # The path of a component's messages is a word such as :sensor and its path in the declaration.
   defp too_deep?(parent), do: length(parent.path) >= Path.max_segments()
 
   defp too_deep(kind, name, parent) do
@@ -230,8 +230,9 @@ defmodule BB.Dsl.Rules do
 
   defp unlimited(joint, :revolute) do
     """
-    joint #{inspect(joint.name)} is :revolute and has no limit; add `limit lower: ~u(-90 degree), \
-    upper: ~u(90 degree)` with its own numbers, or make it :continuous\
+    joint #{inspect(joint.name)} is :revolute and has no limit; add \
+    `limit lower: ~u(-90 degree), upper: ~u(90 degree)` with its own numbers, or make it \
+    :continuous\
     """
   end
 

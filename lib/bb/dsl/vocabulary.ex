@@ -13,8 +13,8 @@ defmodule BB.Dsl.Vocabulary do
       end
 
   A block imports the words for its inside, so that they cannot clash with functions of the
-  robot's module. The arguments of a word are evaluated in the body of the robot's module: they may
-  be any expressions, and entities may stand in comprehensions.
+  robot's module. The arguments of a word are evaluated in the body of the robot's module: they
+  may be any expressions, and entities may stand in comprehensions.
   """
 
   defmacro __using__(opts) do

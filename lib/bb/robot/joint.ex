@@ -1,9 +1,14 @@
 defmodule BB.Robot.Joint do
   @moduledoc """
-  A joint, which connects a parent link with a child link.
+  A joint, which connects a parent link with a child link. `BB.Robot` has the joints of a robot.
 
-  `:origin`, `:axis`, `:limit` and `:dynamics` are maps of the fields as declared (quantities are `BB.Unit`, what
-  follows a parameter is a `BB.Parameter.Reference`), `nil` where the declaration has none.
+  `:origin`, `:axis`, `:limit` and `:dynamics` are maps of the declared fields, `nil` where the
+  declaration has none. Quantities are `BB.Unit` structs; a field that follows a parameter is a
+  `BB.Parameter.Reference`.
+
+      {:ok, joint} = BB.Robot.fetch_joint(MyRobot.robot(), :shoulder)
+      {joint.type, joint.parent_link, joint.child_link}
+      #=> {:revolute, :base_link, :arm}
   """
 
   @enforce_keys [:name, :type, :parent_link, :child_link]

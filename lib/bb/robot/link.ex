@@ -1,7 +1,13 @@
 defmodule BB.Robot.Link do
   @moduledoc """
-  A link, a rigid part of a robot: its name, the joint that carries it (`nil` for the root link), the joints it carries
-  and the names of its sensors.
+  A link, a rigid part of a robot. `BB.Robot` has the links of a robot.
+
+  `:parent_joint` is the joint that carries the link, `nil` for the root link; `:child_joints` are
+  the joints that it carries.
+
+      {:ok, link} = BB.Robot.fetch_link(MyRobot.robot(), :arm)
+      {link.parent_joint, link.child_joints, link.sensors}
+      #=> {:shoulder, [], []}
   """
 
   @enforce_keys [:name]

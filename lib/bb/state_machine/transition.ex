@@ -1,5 +1,14 @@
 defmodule BB.StateMachine.Transition do
-  @moduledoc "A robot went from one safety state to another. Published on `[:state_machine]`."
+  @moduledoc """
+  The payload for a change of a robot's safety state. `BB.Safety` publishes it on
+  `[:state_machine]`.
+
+      {:ok, _} = BB.subscribe(MyRobot, [:state_machine])
+
+      receive do
+        {:bb, [:state_machine], %{payload: %BB.StateMachine.Transition{to: :armed}}} -> :armed
+      end
+  """
 
   @states [:disarmed, :armed, :disarming, :error]
 
@@ -10,7 +19,7 @@ defmodule BB.StateMachine.Transition do
 
   use BB.Message,
     schema: [
-      from: [type: {:in, @states}, required: true, doc: "The state that it left."],
-      to: [type: {:in, @states}, required: true, doc: "The state that it is in."]
+      from: [type: {:in, @states}, required: true, doc: "The state before."],
+      to: [type: {:in, @states}, required: true, doc: "The state after."]
     ]
 end

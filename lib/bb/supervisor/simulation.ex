@@ -1,21 +1,25 @@
 defmodule BB.Supervisor.Simulation do
   @moduledoc """
-  The simulated buses of a robot that declares what hangs on them (`simulation do … end`), where
-  the robot's buses are simulated.
+  Supervises the simulated buses of a robot, which its section `simulation` declares.
+  `BB.Supervisor` starts it where the robot's buses are simulated.
 
-  Each bus stands behind a bulkhead, and so do all of them: whatever becomes of them spends no
-  restarts of the robot's.
+  Each bus has a bulkhead of its own, and this supervisor has one too, so that their failures
+  spend no restarts of the robot's supervisors.
   """
+  @moduledoc no_example: "internal: BB.Dsl.Robot.simulation/1 declares the buses"
 
   use Supervisor
 
   alias BB.Bus
   alias BB.Process.Bulkhead
 
-  # Its children are bulkheads, which end only when they are killed.
+  # The children are bulkheads, which end only when they are killed.
   @restarts [max_restarts: 1_000, max_seconds: 1]
 
-  @doc "The child of a robot's root: none where nothing of it is simulated."
+  @doc """
+  Returns the child specifications for the robot's root supervisor: none where the robot has no
+  simulated bus.
+  """
   @spec children(module()) :: [Supervisor.child_spec()]
   def children(robot) do
     case buses(robot.robot().simulation) do
@@ -42,7 +46,7 @@ defmodule BB.Supervisor.Simulation do
     |> Supervisor.init([strategy: :one_for_one] ++ @restarts)
   end
 
-  # Chips of lines before buses, whose devices may drive a line.
+  # Chips of lines come before buses, because a device on a bus may drive a line.
   defp buses(%{gpio: chips, i2c: buses}) do
     for({name, opts} <- chips, Bus.GPIO.module(nil) == Bus.Sim.GPIO, do: {:gpio, name, opts}) ++
       for {name, opts} <- buses, Bus.I2C.backend() == Bus.Sim.I2C, do: {:i2c, name, opts}

@@ -1,12 +1,16 @@
 defmodule BB.Supervisor.Topology do
   @moduledoc """
-  The supervisor of one part of a robot: of the robot's topology as a whole, of a link or of a joint.
+  The supervisor of a robot's topology, of a link or of a joint. `BB.Supervisor` starts the one of
+  the topology, which starts the others.
 
-  The topology holds the components of the robot itself and the supervisor of the root link; a link its components and the
-  supervisors of its joints; a joint its components and the supervisor of its child link. Each component stands there as its
-  keeper, which starts it again without this supervisor; only the death of a keeper itself, which has no code but ours in
-  it, counts here.
+  The topology has the components of the robot itself and the supervisor of the root link. A link
+  has its components and the supervisors of its joints. A joint has its components and the
+  supervisor of its child link.
+
+  The child for a component is its keeper, which starts the component again without this
+  supervisor. Only the death of a keeper itself counts here, and a keeper runs no code of others.
   """
+  @moduledoc no_example: "internal: BB.Supervisor draws the tree"
 
   use Supervisor
 
@@ -15,10 +19,12 @@ defmodule BB.Supervisor.Topology do
 
   @max_restarts 100
 
-  @typedoc "`nil` is the topology as a whole."
+  @typedoc "A part of the robot; `nil` for the topology as a whole."
   @type part :: nil | {:link, atom()} | {:joint, atom()}
 
-  @doc "The place of a part under the supervisor of the part that carries it."
+  @doc """
+  Returns the child specification of a part, for the supervisor of the part that carries it.
+  """
   @spec child_spec({module(), part()}) :: Supervisor.child_spec()
   def child_spec({robot, part}) do
     %{
@@ -29,7 +35,7 @@ defmodule BB.Supervisor.Topology do
     }
   end
 
-  @doc "Starts a part with all it carries."
+  @doc "Starts the supervisor of a part, with everything that the part carries."
   @spec start_link({module(), part()}) :: Supervisor.on_start()
   def start_link({robot, part}),
     do: BB.Process.supervisor_module(robot).start_link(__MODULE__, {robot, part}, [])
@@ -42,19 +48,19 @@ defmodule BB.Supervisor.Topology do
     components =
       for component <- Robot.components_on(declared, part), do: {Keeper, {robot, component}}
 
-    parts = for carried <- carried(declared, part), do: {__MODULE__, {robot, carried}}
+    parts = for carried <- carried_parts(declared, part), do: {__MODULE__, {robot, carried}}
     Supervisor.init(components ++ parts, strategy: :one_for_one, max_restarts: @max_restarts)
   end
 
-  defp carried(%Robot{root_link: nil}, nil), do: []
-  defp carried(%Robot{root_link: root}, nil), do: [link: root]
+  defp carried_parts(%Robot{root_link: nil}, nil), do: []
+  defp carried_parts(%Robot{root_link: root}, nil), do: [link: root]
 
-  defp carried(declared, {:link, name}) do
+  defp carried_parts(declared, {:link, name}) do
     {:ok, link} = Robot.fetch_link(declared, name)
     Enum.map(link.child_joints, &{:joint, &1})
   end
 
-  defp carried(declared, {:joint, name}) do
+  defp carried_parts(declared, {:joint, name}) do
     {:ok, joint} = Robot.fetch_joint(declared, name)
     [link: joint.child_link]
   end
