@@ -1,9 +1,15 @@
 defmodule BB.Safety do
   @moduledoc """
-  Whether a robot may move, and what makes it safe again.
+  Arms and disarms robots. Use it wherever something moves: to allow movement, to end it, and to
+  forbid it.
 
-  A robot is `:disarmed` when it starts. `arm/1` lets it move, `disarm/2` makes its hardware safe:
-  it calls `disarm/1` of every component that has one, all at once, and waits for them.
+      :ok = BB.Safety.arm(MyRobot)
+      true = BB.Safety.armed?(MyRobot)
+      :ok = BB.Safety.disarm(MyRobot)
+
+  A robot is `:disarmed` when it starts. `arm/1` allows it to move. `disarm/2` makes its hardware
+  safe: it calls `disarm/1` of every component with that callback, all at once, and waits for
+  them.
 
                 arm                    disarm, or the robot's tree ends
       :disarmed ───► :armed ──────────────────────────► :disarming
@@ -12,56 +18,58 @@ defmodule BB.Safety do
           └───────────────────── :error ◄────────────────────────┘
                  force_disarm
 
-  An actuator asks `armed?/1` at each command and does nothing unless it is true: that is a
-  look-up, which takes a fraction of a microsecond and waits for nobody. Each transition is
-  published as `BB.StateMachine.Transition` on `[:state_machine]` and emitted as the telemetry
-  event `[:bb, :safety, :transition]`; each disarming is a telemetry span `[:bb, :safety,
-  :disarm]`.
+  An actuator calls `armed?/1` at each command and does nothing unless it returns `true`. The call
+  is an ETS look-up; it takes a fraction of a microsecond and waits for no process. Each
+  transition is published as `BB.StateMachine.Transition` on `[:state_machine]` and emitted as
+  the telemetry event `[:bb, :safety, :transition]`. Each disarming is a telemetry span `[:bb,
+  :safety, :disarm]`.
 
   ## Handlers
 
-  A component whose module has `disarm/1` is registered before its `init/1` is called, with the
-  options that `init/1` gets. `disarm/1` runs in a process of its own, with nothing but those
-  options: its component may be dead, hang, or be the cause of the trouble. So it opens the device
-  anew, or talks to what has it open, and returns `:ok` only if the hardware is safe.
+  The handler of a component is the `disarm/1` of its module. It is registered before `init/1` is
+  called, with the options of `init/1`. `disarm/1` runs in a process of its own, with those
+  options alone: its component may be dead, hang, or cause the trouble. So it opens the device
+  again, or calls the process that has the device open, and returns `:ok` only if the hardware
+  is safe.
 
-    * A handler outlives its process. It stays until a successor registers the same path or until
+    * A handler outlives its process. It stays until a successor registers the same path, or until
       its process is dead and its `disarm/1` has run without a failure. So an actuator that is
-      down at that moment is made safe as well.
+      down at the time of a disarming becomes safe too.
     * A handler of a process outside of the robot's tree stays as long as that process lives,
-      however often the robot starts anew.
-    * Who registers a path that is taken takes its place; no path has two handlers.
-    * Those who register while the robot is `:disarming` belong to the next disarming: their
-      hardware was never armed.
-    * A handler may call the functions of this module. It gets `{:error, :already_disarming}` from
-      `disarm/2`, and so on.
+      however often the robot starts again.
+    * A path has one handler: a new registration replaces the old one.
+    * A handler that is registered while the robot is `:disarming` belongs to the next disarming,
+      because its hardware was never armed.
+    * A handler may call the functions of this module. `disarm/2` returns
+      `{:error, :already_disarming}` to it.
 
   ## When the robot ends
 
-  The death of the root supervisor or of the topology supervisor, however it comes, is a disarming
-  for an armed robot: each handler runs once. A robot that is stopped (`Supervisor.stop/1`, or
-  with its application) is disarmed after its components have ended, and the stop waits for it.
-  One that is not armed has nothing to be made safe: no handler runs.
+  An armed robot is disarmed when its root supervisor or its topology supervisor dies, for any
+  reason: each handler runs once. A robot that is stopped (`Supervisor.stop/1`, or with its
+  application) is disarmed after its components have ended, and the stop waits for that. No
+  handler runs for a robot that is not armed.
 
-  A robot that starts anew while the one before it is `:disarming` is not armed until that is
-  over. An `:error` stays too, until `force_disarm/1`.
+  A robot that starts again while its predecessor is `:disarming` cannot be armed until the
+  disarming is over. The state `:error` stays too, until `force_disarm/1`.
 
-  What decides is a process for each robot outside the robot's tree (`BB.Safety.Warden`), so that
-  no robot waits for another's handlers. All that it knows is in ETS: when it is killed, states
-  and handlers stay, and its successor continues a disarming without calling a handler twice.
+  Each robot has a warden, a process outside the robot's tree (`BB.Safety.Warden`), so that no
+  robot waits for the handlers of another. The warden keeps its knowledge in ETS: when it is
+  killed, states and handlers stay, and its successor continues a disarming without calling a
+  handler twice.
 
   ## When the application ends
 
-  The end of the application `:ganglion`, however it comes, is a disarming for every armed robot,
-  also for one that another application has started. Such a robot goes on, disarmed, and nobody
-  arms it before the application has been started again. What serves safety stands outside of the
-  application (`BB.Safety.Supervisor`), so that no bus, simulation or robot can take it down.
+  Every armed robot is disarmed when the application `:ganglion` ends, for any reason, also a
+  robot that another application has started. Such a robot keeps running, disarmed, and cannot
+  be armed until the application is started again. The processes of safety stand outside of the
+  application (`BB.Safety.Supervisor`), so that no bus, simulation or robot can end them.
 
-  ## What it cannot do
+  ## Limits
 
-  Software stops with the machine that runs it. When the whole VM is killed or the power fails, no
-  handler runs. An emergency stop that people rely on cuts the actuators' power by a circuit; this
-  module is for everything before that.
+  No handler runs when the whole VM is killed or the power fails. An emergency stop that people
+  rely on cuts the power of the actuators by a circuit. Use this module for everything before
+  that.
   """
 
   alias BB.{Message, Path, PubSub}
@@ -79,7 +87,7 @@ defmodule BB.Safety do
           | {:inhibited, [{Path.t(), reason :: term()}, ...]}
 
   @doc """
-  Whether the robot is armed. `false` for one that is not known.
+  Returns whether the robot is armed: `false` for an unknown robot.
 
       iex> BB.Safety.armed?(NoRobot)
       false
@@ -88,7 +96,7 @@ defmodule BB.Safety do
   def armed?(robot), do: Records.state(robot) == :armed
 
   @doc """
-  The robot's state. `:disarmed` for one that is not known.
+  Returns the robot's state: `:disarmed` for an unknown robot.
 
       iex> BB.Safety.state(NoRobot)
       :disarmed
@@ -97,11 +105,12 @@ defmodule BB.Safety do
   def state(robot), do: Records.state(robot)
 
   @doc """
-  The number of the robot's latest arming, 0 before the first: `{:ok, epoch}`, or `{:error,
-  :not_registered}` for a robot that is not started.
+  Returns the number of the robot's latest arming, 0 before the first: `{:ok, epoch}`, or
+  `{:error, :not_registered}` for a robot that is not started.
 
-  Each arming has a new one, greater than all before it. A command that carries the epoch in which
-  it was thought out is recognised as old when the robot was disarmed and armed since.
+  Each arming has an epoch of its own, greater than all before. A command that carries the epoch
+  in which it was computed shows that it is old when the robot was disarmed and armed again
+  since.
   """
   @spec epoch(module()) :: {:ok, non_neg_integer()} | {:error, :not_registered}
   def epoch(robot) do
@@ -112,32 +121,32 @@ defmodule BB.Safety do
   Arms the robot. Errors:
 
     * `:already_armed`
-    * `:disarming` - a disarming is under way
+    * `:disarming` - a disarming is in progress
     * `:in_error` - a disarming failed; see `force_disarm/1`
     * `:not_registered` - the robot is not started
     * `:not_running` - the application `:ganglion` is not running; start it again
-    * `{:inhibited, [{path, reason}]}` - something forbids it; see `inhibit/3`
+    * `{:inhibited, [{path, reason}]}` - these paths forbid arming; see `inhibit/3`
   """
   @spec arm(module()) :: :ok | {:error, arm_error()}
   def arm(robot), do: Warden.arm(robot)
 
   @doc """
-  Disarms the robot: calls all handlers at once, and returns when the last one is done or
+  Disarms the robot. Calls all handlers at once, and returns when the last one has returned or
   `timeout` milliseconds have passed.
 
-  `:ok` says that every handler returned `:ok`. Errors:
+  Returns `:ok` if every handler returned `:ok`. Errors:
 
-    * `:already_disarmed`, `:already_disarming`, `:already_in_error` - nothing was done
+    * `:already_disarmed`, `:already_disarming`, `:already_in_error` - no handler was called
     * `:not_registered` - the robot is not started
-    * `{:disarm_failed, [{path, error}]}` - the hardware of those paths may not be safe. The robot
-      is in `:error`. An error is
-      * `{:returned_error, reason}` - the handler returned `{:error, reason}`; for anything else but `:ok` the reason is
-        `{:bad_return_value, term}`
-      * `{:exception, message}` - it raised
-      * `{:throw, value}` or `{:exit, reason}` - it threw, exited or was killed
-      * `{:timeout, ms}` - it was not done in time, and was killed
+    * `{:disarm_failed, [{path, error}]}` - the hardware of these paths may not be safe, and the
+      robot is in the state `:error`. An error is
+      * `{:returned_error, reason}` - the handler returned `{:error, reason}`; the reason is
+        `{:bad_return_value, term}` if it returned anything else but `:ok`
+      * `{:exception, message}` - the handler raised
+      * `{:throw, value}` or `{:exit, reason}` - the handler threw, exited or was killed
+      * `{:timeout, ms}` - the handler did not return in time, and was killed
 
-  Options: `timeout:` in milliseconds, #{Warden.default_timeout_ms()} when not given.
+  Options: `timeout:` in milliseconds (default: #{Warden.default_timeout_ms()}).
   """
   @spec disarm(module(), timeout: pos_integer()) ::
           :ok
@@ -150,8 +159,9 @@ defmodule BB.Safety do
   def disarm(robot, opts \\ []), do: Warden.disarm(robot, timeout_ms!(opts))
 
   @doc """
-  Takes a robot out of `:error` to `:disarmed` without calling any handler. For a person who has
-  seen that the hardware is safe.
+  Moves a robot from `:error` to `:disarmed` without calling a handler.
+
+  Call it only after a person has checked that the hardware is safe.
 
   Errors: `:not_in_error`, `:not_registered`.
   """
@@ -159,16 +169,16 @@ defmodule BB.Safety do
   def force_disarm(robot), do: Warden.force_disarm(robot)
 
   @doc """
-  Registers `module.disarm/1` for a path of a robot, in the place of what is registered for that
-  path.
+  Registers `module.disarm/1` as the handler for a path of a robot. It replaces the handler of
+  that path.
 
-  Components do not call this: their server does. It is for hardware that no component stands for.
+  Call it for hardware without a component. The server of a component registers its handler.
 
-  Options: `robot:` and `path:`, both required, and `opts:`, what the handler is called with
-  (`[]`).
+  Options: `robot:` and `path:`, both required, and `opts:`, the argument of the handler (default:
+  `[]`).
 
-  A robot that is not started becomes known by this, with the calling process in the place of its
-  root.
+  A robot that is not started becomes known by this call. The calling process takes the place of
+  its root.
   """
   @spec register(module(), robot: module(), path: Path.t(), opts: keyword()) :: :ok
   def register(module, options) do
@@ -176,27 +186,27 @@ defmodule BB.Safety do
     robot = robot!(options[:robot])
     path = Path.validate!(options[:path])
     handler!(module)
-    known!(robot)
+    ensure_known(robot)
     Records.register(robot, path, self(), module, options[:opts])
 
-    # Its robot may have ended meanwhile.
-    known!(robot)
+    # The robot may have ended meanwhile.
+    ensure_known(robot)
   end
 
-  defp known!(robot),
+  defp ensure_known(robot),
     do: if(Records.known?(robot), do: :ok, else: Warden.watch(robot, :component))
 
   @doc """
-  Forbids arming, for as long as `allow/2` is not called for the same path, whatever dies
-  meanwhile. `reason` is told to those who try.
+  Forbids arming until `allow/2` is called for the same path, whichever process dies meanwhile.
+  `arm/1` returns `reason` in its error.
 
-  For what watches over the robot: an emergency stop that is pressed, a lid that is open. It does
-  not disarm a robot that is armed:
+  Call it from a watchdog of the robot, such as an emergency stop that is pressed or a lid that is
+  open. It does not disarm a robot that is armed:
 
       BB.Safety.inhibit(robot, path, :pressed)
       BB.Safety.disarm(robot)
 
-  In this order nobody can arm it in between. See also `vouch/2`.
+  In this order the robot cannot be armed in between. See also `vouch/2`.
   """
   @spec inhibit(module(), Path.t(), reason :: term()) :: :ok
   def inhibit(robot, path, reason) do
@@ -204,7 +214,7 @@ defmodule BB.Safety do
     :ok
   end
 
-  @doc "Takes back what `inhibit/3` forbade for this path. `:ok` also when there was nothing."
+  @doc "Removes the inhibition of a path. Returns `:ok` also when the path had none."
   @spec allow(module(), Path.t()) :: :ok
   def allow(robot, path) do
     Records.allow(robot!(robot), Path.validate!(path))
@@ -212,33 +222,33 @@ defmodule BB.Safety do
   end
 
   @doc """
-  Takes back what `inhibit/3` forbade for this path, for as long as the calling process lives.
+  Removes the inhibition of a path for as long as the calling process lives.
 
-  When that process ends, however it does, the path forbids arming again, with the reason
-  `:unattended`, and a robot that is armed is disarmed at once. There is no moment in between. So
-  who watches over a robot calls this instead of `allow/2`: nobody arms the robot, and it does not
-  stay armed, while nobody watches. Its successor vouches anew. `allow/2` ends it.
-
-  It makes no difference whether the process belongs to the robot, whether it vouched before the
-  robot was started, and how often the robot has been started since.
+  When that process ends, for any reason, the path forbids arming again, with the reason
+  `:unattended`, and an armed robot is disarmed at once, without a moment in between. A watchdog
+  calls this instead of `allow/2`: the robot cannot be armed, and does not stay armed, without its
+  watchdog. The successor of the process vouches again. `allow/2` ends the vouching.
 
       BB.Safety.inhibit(robot, path, :starting)
       …
       BB.Safety.vouch(robot, path)
 
-  A robot that is not started becomes known by this, with the calling process in the place of its
-  root.
+  The process may be outside of the robot's tree and may vouch before the robot is started. The
+  vouching holds however often the robot is started again.
+
+  A robot that is not started becomes known by this call. The calling process takes the place of
+  its root.
   """
   @spec vouch(module(), Path.t()) :: :ok
   def vouch(robot, path), do: Warden.vouch(robot!(robot), Path.validate!(path))
 
-  @doc "What forbids arming: `[{path, reason}]`."
+  @doc "Returns the inhibitions of a robot: `[{path, reason}]`."
   @spec inhibitions(module()) :: [{Path.t(), reason :: term()}]
   def inhibitions(robot), do: Records.inhibitions(robot!(robot))
 
   @doc """
-  Publishes that hardware is at fault, as `BB.Safety.HardwareError` on `[:safety, :error]`. What
-  follows from it is the subscribers' choice.
+  Publishes a fault of the hardware, as `BB.Safety.HardwareError` on `[:safety, :error]`. The
+  subscribers decide what follows.
 
   Raises `ArgumentError` when the robot is not started.
   """
@@ -260,12 +270,13 @@ defmodule BB.Safety do
   defp handler!(module) do
     unless is_atom(module) and Code.ensure_loaded?(module) and
              function_exported?(module, :disarm, 1),
-           do:
-             raise(ArgumentError, "a handler is a module with disarm/1, got: #{inspect(module)}")
+           do: raise(ArgumentError, "expected a module with disarm/1, got: #{inspect(module)}")
   end
 
   defp robot!(robot) when is_atom(robot) and robot != nil, do: robot
-  defp robot!(robot), do: raise(ArgumentError, "a robot is a module, got: #{inspect(robot)}")
+
+  defp robot!(robot),
+    do: raise(ArgumentError, "expected the module of a robot, got: #{inspect(robot)}")
 
   defp timeout_ms!(opts) do
     case Keyword.validate!(opts, timeout: Warden.default_timeout_ms())[:timeout] do
@@ -273,7 +284,9 @@ defmodule BB.Safety do
         timeout_ms
 
       other ->
-        raise ArgumentError, "timeout: of disarm is in milliseconds, got: #{inspect(other)}"
+        raise ArgumentError,
+              "invalid value for :timeout option: expected milliseconds above zero, " <>
+                "got: #{inspect(other)}"
     end
   end
 end

@@ -11,6 +11,7 @@ defmodule BB.SafetyTest do
 
   doctest BB.Safety
   doctest BB.Safety.Events
+  doctest BB.Safety.Record
 
   defmodule Gripper do
     @moduledoc "An actuator that is counted as `BB.Test.Brake` is."

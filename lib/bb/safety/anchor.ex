@@ -1,8 +1,9 @@
 defmodule BB.Safety.Anchor do
   @moduledoc """
-  Holds `BB.Safety.Supervisor` up: starts it again when it was killed. It stands in the
-  application's tree, first of all; safety itself stands outside.
+  Starts `BB.Safety.Supervisor` again when it was killed. It is the first child of the
+  application's supervisor; the processes of safety stand outside of the application.
   """
+  @moduledoc no_example: "internal: the application starts it"
 
   use GenServer
   use BB.Process.Tolerant
@@ -15,15 +16,15 @@ defmodule BB.Safety.Anchor do
 
   @impl GenServer
   def init(nil) do
-    # So that nobody is unwatched for longer than it must be.
+    # Robots are without a warden until the supervisor runs again.
     Process.flag(:priority, :high)
-    {:ok, hold()}
+    {:ok, start_and_monitor()}
   end
 
   @impl GenServer
-  def handle_info({:DOWN, ref, :process, _pid, _reason}, ref), do: {:noreply, hold()}
+  def handle_info({:DOWN, ref, :process, _pid, _reason}, ref), do: {:noreply, start_and_monitor()}
 
-  defp hold do
+  defp start_and_monitor do
     Supervisor.start()
     Process.monitor(Supervisor)
   end

@@ -1,5 +1,11 @@
 defmodule BB.Safety.Events do
-  @moduledoc "Tells the world how a robot's safety changes: message, telemetry, log. Runs in the robot's warden."
+  @moduledoc """
+  Emits the events of a robot's safety: messages on the pubsub, telemetry events and log lines.
+  `BB.Safety.Warden` calls it in its own process.
+
+      iex> BB.Safety.Events.format_failure({[:base, :servo], {:returned_error, :enodev}})
+      "[:base, :servo] returned {:error, :enodev}"
+  """
 
   require Logger
 
@@ -7,7 +13,7 @@ defmodule BB.Safety.Events do
   alias BB.Safety.{Record, Round}
   alias BB.StateMachine.Transition
 
-  @doc "Tells of a transition."
+  @doc "Emits a transition between two states."
   @spec transition(Record.t(), Record.t()) :: :ok
   def transition(%{robot: robot, state: from}, %{state: to, epoch: epoch}) do
     publish(robot, from, to)
@@ -16,9 +22,9 @@ defmodule BB.Safety.Events do
     emit([:bb, :safety, :transition], measurements, metadata)
   end
 
-  @doc "Tells that a disarming began."
-  @spec began(module(), Round.t()) :: :ok
-  def began(robot, round) do
+  @doc "Emits the begin of a disarming."
+  @spec disarm_started(module(), Round.t()) :: :ok
+  def disarm_started(robot, round) do
     log_cause(robot, round.cause)
 
     emit(
@@ -28,11 +34,11 @@ defmodule BB.Safety.Events do
     )
   end
 
-  @doc "Tells how a disarming ended."
-  @spec ended(module(), Round.t(), [Round.failure()]) :: :ok
-  def ended(robot, round, failures) do
+  @doc "Emits the end of a disarming, with its failures."
+  @spec disarm_stopped(module(), Round.t(), [Round.failure()]) :: :ok
+  def disarm_stopped(robot, round, failures) do
     for failure <- failures,
-        do: Logger.error("#{inspect(robot)}: not disarmed: #{words(failure)}")
+        do: Logger.error("#{inspect(robot)}: not disarmed: #{format_failure(failure)}")
 
     now = System.monotonic_time()
     metadata = robot |> metadata(round) |> Map.put(:failures, failures)
@@ -45,38 +51,36 @@ defmodule BB.Safety.Events do
   end
 
   @doc """
-  A failure in words.
+  Formats a failure of a handler.
 
-      iex> BB.Safety.Events.words({[:base, :servo], {:timeout, 5_000}})
+      iex> BB.Safety.Events.format_failure({[:base, :servo], {:timeout, 5_000}})
       "[:base, :servo] did not return within 5000 ms"
-      iex> BB.Safety.Events.words({[:base, :servo], {:returned_error, :enodev}})
-      "[:base, :servo] returned {:error, :enodev}"
   """
-  @spec words(Round.failure()) :: String.t()
-  def words({path, error}), do: "#{inspect(path)} #{how(error)}"
+  @spec format_failure(Round.failure()) :: String.t()
+  def format_failure({path, error}), do: "#{inspect(path)} #{format_error(error)}"
 
-  defp how({:timeout, timeout_ms}), do: "did not return within #{timeout_ms} ms"
-  defp how({:exception, message}), do: "raised: #{message}"
+  defp format_error({:timeout, timeout_ms}), do: "did not return within #{timeout_ms} ms"
+  defp format_error({:exception, message}), do: "raised: #{message}"
 
-  defp how({:returned_error, {:bad_return_value, other}}),
+  defp format_error({:returned_error, {:bad_return_value, other}}),
     do: "returned #{inspect(other)}, which is neither :ok nor {:error, reason}"
 
-  defp how({:returned_error, reason}), do: "returned {:error, #{inspect(reason)}}"
-  defp how({:throw, value}), do: "threw #{inspect(value)}"
-  defp how({:exit, reason}), do: "exited: #{Exception.format_exit(reason)}"
+  defp format_error({:returned_error, reason}), do: "returned {:error, #{inspect(reason)}}"
+  defp format_error({:throw, value}), do: "threw #{inspect(value)}"
+  defp format_error({:exit, reason}), do: "exited: #{Exception.format_exit(reason)}"
 
-  # Handlers of telemetry may hang, and the warden waits for none of them: whom it watches may die
-  # at any moment. Each event is told by a process of its own, after the one before it.
+  # A telemetry handler may hang, and the warden must not wait for it. A process of its own emits
+  # each event, after the event before.
   defp emit(event, measurements, metadata) do
     before = Process.get(__MODULE__)
 
-    teller =
+    emitter =
       spawn(fn ->
         await_end(before)
         Telemetry.emit(event, measurements, metadata, apart: true)
       end)
 
-    Process.put(__MODULE__, teller)
+    Process.put(__MODULE__, emitter)
     :ok
   end
 
@@ -92,13 +96,15 @@ defmodule BB.Safety.Events do
 
   defp log_cause(robot, {role, :ended}),
     do:
-      Logger.warning("#{inspect(robot)} is disarmed: its #{part(role)} ended while it was armed")
+      Logger.warning(
+        "#{inspect(robot)} is disarmed: its #{describe(role)} ended while it was armed"
+      )
 
   defp log_cause(_robot, _cause), do: :ok
 
-  defp part(:root), do: "root supervisor"
-  defp part(:topology), do: "topology supervisor"
-  defp part({:voucher, path}), do: "#{inspect(path)}, which watches over it,"
+  defp describe(:root), do: "root supervisor"
+  defp describe(:topology), do: "topology supervisor"
+  defp describe({:voucher, path}), do: "watchdog #{inspect(path)}"
 
   defp publish(robot, from, to) do
     PubSub.publish(
@@ -107,7 +113,7 @@ defmodule BB.Safety.Events do
       Message.new!(Transition, :state_machine, from: from, to: to)
     )
   rescue
-    # The robot has ended, or its bus is being restarted: nobody is subscribed to it.
+    # The robot has ended, or its pubsub is being restarted: it has no subscriber.
     ArgumentError -> :ok
   end
 end

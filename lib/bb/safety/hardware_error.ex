@@ -1,5 +1,14 @@
 defmodule BB.Safety.HardwareError do
-  @moduledoc "A component found its hardware at fault (`BB.Safety.report_error/3`). Published on `[:safety, :error]`."
+  @moduledoc """
+  The payload for a fault that a component finds in its hardware. `BB.Safety.report_error/3`
+  publishes it on `[:safety, :error]`.
+
+      {:ok, _} = BB.subscribe(MyRobot, [:safety, :error])
+
+      receive do
+        {:bb, _path, %{payload: %BB.Safety.HardwareError{path: path}}} -> path
+      end
+  """
 
   defstruct [:path, :error]
 
@@ -8,6 +17,6 @@ defmodule BB.Safety.HardwareError do
   use BB.Message,
     schema: [
       path: [type: {:list, :atom}, required: true, doc: "The component's path."],
-      error: [type: :any, required: true, doc: "What is wrong, as the component says it."]
+      error: [type: :any, required: true, doc: "The fault, in the component's own terms."]
     ]
 end

@@ -1,7 +1,7 @@
 defmodule BB.Safety.Host do
   @moduledoc """
-  Watches the application that safety serves: when it ends, however it does, all armed robots are
-  disarmed, wherever they were started.
+  Watches the application `:ganglion`, and disarms all armed robots when it ends, for any reason.
+  The application calls it when it starts and stops:
 
       def start(_type, _args) do
         BB.Safety.Host.enter()
@@ -13,10 +13,10 @@ defmodule BB.Safety.Host do
         state
       end
 
-  The *host* is the process that calls `start/2`, which the application controller starts for the
-  application and which lives as long as it. It calls `prep_stop/1` also when the application's
-  supervisor has died; when the host itself is killed, this process hears of it. No robot is armed
-  while there is no host.
+  The *host* is the process that calls `start/2`. The application controller starts it for the
+  application, and it lives as long as the application. It calls `prep_stop/1` also when the
+  application's supervisor has died. When the host itself is killed, this process receives its
+  `:DOWN` message. No robot can be armed without a host.
   """
 
   use GenServer
@@ -24,14 +24,14 @@ defmodule BB.Safety.Host do
 
   alias BB.Safety.{Records, Supervisor, Warden}
 
-  @again_ms 5
+  @retry_ms 5
   @patience_ms 10_000
 
   @doc false
   @spec start_link(keyword()) :: GenServer.on_start()
   def start_link(_opts), do: GenServer.start_link(__MODULE__, nil, name: __MODULE__)
 
-  @doc "Starts safety, unless it runs, and makes the calling process the host."
+  @doc "Makes the calling process the host, and starts the processes of safety unless they run."
   @spec enter() :: :ok
   def enter, do: enter(now_ms() + @patience_ms)
 
@@ -39,29 +39,30 @@ defmodule BB.Safety.Host do
     Supervisor.start()
     GenServer.call(__MODULE__, {:enter, self()}, :infinity)
   catch
-    # Its supervisor was killed a moment ago.
+    # The supervisor was killed a moment ago.
     :exit, reason ->
       if now_ms() > until_ms, do: exit(reason)
-      Process.sleep(@again_ms)
+      Process.sleep(@retry_ms)
       enter(until_ms)
   end
 
   @doc """
-  Disarms all robots that are armed, at once, and returns when all are. When the calling process
-  is the host, no robot is armed from now on.
+  Disarms all armed robots, at once, and returns when all are disarmed. When the calling process
+  is the host, no robot can be armed from now on.
   """
   @spec leave() :: :ok
   def leave do
     Records.remove_host(self())
     Supervisor.start()
 
-    for ref <- secure(), do: receive(do: ({:DOWN, ^ref, :process, _pid, _reason} -> :ok))
+    for ref <- secure_all(), do: receive(do: ({:DOWN, ^ref, :process, _pid, _reason} -> :ok))
     :ok
   end
 
-  # By processes of their own: one robot's handlers do not hold up another's, and this process
-  # always answers. One that comes late leaves alone what the next host has let be armed.
-  defp secure do
+  # Each robot has a process of its own, so that no robot waits for the handlers of another, and
+  # this process always replies. A late one does not disarm a robot that was armed under the next
+  # host.
+  defp secure_all do
     moment = Warden.moment()
 
     for record <- Records.records() do
@@ -81,18 +82,18 @@ defmodule BB.Safety.Host do
 
   def handle_call({:enter, host}, _from, {former, ref}) do
     Process.demonitor(ref, [:flush])
-    _ = unless former == nil, do: secure()
+    _ = unless former == nil, do: secure_all()
     Records.put_host(host)
     {:reply, :ok, watch(host)}
   end
 
   @impl GenServer
   def handle_info({:DOWN, ref, :process, host, _reason}, {host, ref} = watched) do
-    _ = secure()
+    _ = secure_all()
     {:noreply, watched}
   end
 
-  # Its supervisor was killed, perhaps together with the application and its anchor.
+  # The supervisor was killed, perhaps together with the application and its anchor.
   @impl GenServer
   def terminate(:killed, _watched), do: spawn(&Supervisor.start/0)
   def terminate(_reason, _watched), do: :ok

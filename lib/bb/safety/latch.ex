@@ -1,11 +1,12 @@
 defmodule BB.Safety.Latch do
   @moduledoc """
-  Holds the end of a robot that is stopped until it is disarmed.
+  Delays the end of a robot that is stopped until the robot is disarmed.
 
-  It stands in the robot's root supervisor before the topology, and so is stopped after it: when
-  `Supervisor.stop/1` returns, or the machine goes down, no component runs any more and every
-  `disarm/1` is done.
+  It is a child of the robot's root supervisor before the topology, and so is stopped after it.
+  When `Supervisor.stop/1` returns, or the machine goes down, no component runs and every
+  `disarm/1` has returned.
   """
+  @moduledoc no_example: "internal: BB.Supervisor starts it"
 
   use GenServer, shutdown: :infinity
   use BB.Process.Tolerant

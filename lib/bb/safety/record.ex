@@ -1,14 +1,20 @@
 defmodule BB.Safety.Record do
   @moduledoc """
-  All that is known of a robot's safety, and what each request makes of it. Pure.
+  The safety record of one robot, and the effect of each request on it. Pure; `BB.Safety.Warden`
+  uses it.
 
     * `:state` - `:disarmed`, `:armed`, `:disarming` or `:error`
     * `:epoch` - the number of the latest arming, 0 before the first
-    * `:root`, `:topology` - the processes whose death ends an arming; `nil` while there is none
-    * `:round` - the disarming under way
-    * `:failures` - what the latest disarming could not make safe
-    * `:by` - the request that led to this state. One that is repeated, because the process that
-      carried it out died before it answered, finds itself here and is not carried out twice
+    * `:root`, `:topology` - the supervisors whose death disarms the robot, `nil` for none
+    * `:round` - the disarming in progress
+    * `:failures` - the failures of the latest disarming
+    * `:by` - the request that led to this state. A request is repeated when the warden dies
+      before it replies; the repeated request is recognised by this field and not executed twice
+
+      iex> record = %BB.Safety.Record{robot: MyRobot, root: self()}
+      iex> {:ok, armed} = BB.Safety.Record.arm(record, make_ref(), :first, 1, [])
+      iex> armed.state
+      :armed
   """
 
   alias BB.Safety.Round
@@ -31,9 +37,11 @@ defmodule BB.Safety.Record do
         }
 
   @doc """
-  Arms it, with a new `epoch`. At a repeated request `seen` is the epoch before the first attempt:
-  when it has passed, that attempt or another's succeeded and may have been undone since, so this
-  one does nothing. `:not_running` forbids it like an inhibition.
+  Arms the robot, with a new `epoch`.
+
+  `seen` is `:first` for a first attempt. For a repeated request it is the epoch before the first
+  attempt: when the epoch has changed since, an attempt has succeeded and may have been undone, so
+  the repeated request does nothing. `:not_running` forbids arming, as an inhibition does.
   """
   @spec arm(
           t(),
@@ -64,8 +72,8 @@ defmodule BB.Safety.Record do
   def arm(%{state: :error}, _ref, _seen, _epoch, _inhibitions), do: {:error, :in_error}
 
   @doc """
-  What a request to disarm comes to: `:begin`, `:wait` for the round that it began already, or an
-  answer.
+  Decides about a request to disarm: `:begin` a round, `:wait` for the round that the same request
+  has begun, or the reply.
   """
   @spec disarm(t(), reference()) :: :begin | :wait | :ok | {:error, term()}
   def disarm(%{state: :armed}, _ref), do: :begin
@@ -75,24 +83,24 @@ defmodule BB.Safety.Record do
   def disarm(%{state: :disarming}, _ref), do: {:error, :already_disarming}
   def disarm(%{state: :error}, _ref), do: {:error, :already_in_error}
 
-  @doc "A disarming begins."
+  @doc "Returns the record of an armed robot whose disarming begins."
   @spec disarming(t(), reference() | nil, Round.t()) :: t()
   def disarming(%{state: :armed} = record, ref, round),
     do: %{record | state: :disarming, by: ref, round: round}
 
-  @doc "The disarming is over."
+  @doc "Returns the record of a robot whose disarming is over."
   @spec disarmed(t(), [Round.failure()]) :: t()
   def disarmed(%{state: :disarming} = record, failures) do
     state = if failures == [], do: :disarmed, else: :error
     %{record | state: state, round: nil, failures: failures}
   end
 
-  @doc "How the latest disarming ended."
+  @doc "Returns the result of the latest disarming."
   @spec outcome(t()) :: :ok | {:error, {:disarm_failed, [Round.failure(), ...]}}
   def outcome(%{failures: []}), do: :ok
   def outcome(%{failures: failures}), do: {:error, {:disarm_failed, failures}}
 
-  @doc "A person vouches for the hardware."
+  @doc "Moves the record from `:error` to `:disarmed`."
   @spec force_disarm(t(), reference()) :: {:ok, t()} | {:error, :not_in_error}
   def force_disarm(%{by: ref} = record, ref), do: {:ok, record}
 
@@ -101,17 +109,17 @@ defmodule BB.Safety.Record do
 
   def force_disarm(_record, _ref), do: {:error, :not_in_error}
 
-  @doc "A process takes a role. A new root has no topology yet."
+  @doc "Gives a role to a process. A new root has no topology yet."
   @spec enter(t(), role(), pid()) :: t()
   def enter(record, :root, pid), do: %{record | root: pid, topology: nil}
   def enter(record, :topology, pid), do: %{record | topology: pid}
 
-  @doc "The processes with a role."
+  @doc "Returns the processes with a role."
   @spec watched(t()) :: [{role(), pid()}]
   def watched(record),
     do: for(role <- [:root, :topology], pid = Map.fetch!(record, role), do: {role, pid})
 
-  @doc "Nothing is left to watch, and nothing to remember."
+  @doc "Returns whether the robot has ended and is disarmed, so that its warden can end."
   @spec over?(t()) :: boolean()
   def over?(record), do: record.root == nil and record.state == :disarmed
 end

@@ -1,37 +1,41 @@
 defmodule BB.Safety.Records do
   @moduledoc """
-  Where safety is kept: two ETS tables, so that whoever asks waits for nobody and a process that
-  dies takes nothing with it.
+  The safety records of all robots, in two ETS tables. A reader waits for no process, and a
+  process that dies loses nothing.
 
-  They last as long as the VM: when the process that made them ends, they go to the application
-  controller, which ends with the VM alone. So nothing is lost with any application, supervisor or
-  warden.
+  The tables last as long as the VM: when the process that made them ends, the application
+  controller inherits them, which ends with the VM. So no application, supervisor or warden takes
+  them with it.
 
-    * `BB.Safety.Records` - `{robot, state, epoch, record}`, written by the robot's warden only
-    * `BB.Safety.Entries` - what others write too:
+    * `BB.Safety.Records` - `{robot, state, epoch, record}`, which only the robot's warden writes
+    * `BB.Safety.Entries` - rows that other processes write too:
         * `{{:handler, robot, path}, owner, module, opts, id}`
         * `{{:inhibition, robot, path}, reason, voucher}`
         * `{{:run, robot, round, n}, holder, outcome, handler}`
         * `{:host, pid}`
   """
+  @moduledoc no_example: "internal: BB.Safety is its interface"
 
   alias BB.Safety.Record
 
   @records BB.Safety.Records
   @entries BB.Safety.Entries
 
-  @typedoc "A registered `disarm/1`: the process that registered it, its module and options. The id is that of the registration."
+  @typedoc """
+  A registered `disarm/1`: the process that registered it, its module and options, and the id of
+  the registration.
+  """
   @type handler ::
           {{:handler, module(), [atom()]}, owner :: pid(), module(), opts :: keyword(),
            id :: integer()}
 
-  @typedoc "A handler's turn in a round. Its holder is the process that runs it."
+  @typedoc "The run of a handler in a round. Its holder is the process that calls the handler."
   @type run ::
           {run_key(), holder :: pid() | :nobody, outcome :: nil | :ok | {:error, term()},
            handler()}
   @type run_key :: {:run, module(), round :: integer(), non_neg_integer()}
 
-  @doc "Makes the tables, unless they are there. To be called by one process at a time."
+  @doc "Creates the tables, unless they exist. One process at a time may call it."
   @spec create() :: :ok
   def create do
     create(@records, [:set, read_concurrency: true])
@@ -48,21 +52,21 @@ defmodule BB.Safety.Records do
     :ok
   end
 
-  @doc "Whether the tables are there: safety was started in this VM."
+  @doc "Returns whether the tables exist: safety was started in this VM."
   @spec running?() :: boolean()
   def running?, do: :ets.whereis(@entries) != :undefined
 
   # The host
 
-  @doc "Keeps the process of the application that safety serves."
+  @doc "Stores the host."
   @spec put_host(pid()) :: true
   def put_host(pid), do: :ets.insert(@entries, {:host, pid})
 
-  @doc "Removes the host, if it is that process."
+  @doc "Removes the host, if it is the process `pid`."
   @spec remove_host(pid()) :: true
   def remove_host(pid), do: :ets.delete_object(@entries, {:host, pid})
 
-  @doc "The host, dead or alive."
+  @doc "Returns the host, dead or alive."
   @spec host() :: pid() | nil
   def host do
     case :ets.lookup(@entries, :host) do
@@ -71,7 +75,7 @@ defmodule BB.Safety.Records do
     end
   end
 
-  @doc "Whether there is a living host."
+  @doc "Returns whether the host is alive."
   @spec hosted?() :: boolean()
   def hosted? do
     pid = host()
@@ -80,7 +84,7 @@ defmodule BB.Safety.Records do
 
   # Records
 
-  @doc "A robot's state; `:disarmed` when nothing is known of it."
+  @doc "Returns a robot's state: `:disarmed` for an unknown robot."
   @spec state(module()) :: Record.state()
   def state(robot) do
     :ets.lookup_element(@records, robot, 2)
@@ -88,7 +92,7 @@ defmodule BB.Safety.Records do
     ArgumentError -> :disarmed
   end
 
-  @doc "The number of its latest arming."
+  @doc "Returns the number of a robot's latest arming."
   @spec epoch(module()) :: {:ok, non_neg_integer()} | :error
   def epoch(robot) do
     {:ok, :ets.lookup_element(@records, robot, 3)}
@@ -96,15 +100,15 @@ defmodule BB.Safety.Records do
     ArgumentError -> :error
   end
 
-  @doc "Whether it has a record."
+  @doc "Returns whether a robot has a record."
   @spec known?(module()) :: boolean()
   def known?(robot), do: running?() and :ets.member(@records, robot)
 
-  @doc "The records of all robots."
+  @doc "Returns the records of all robots."
   @spec records() :: [Record.t()]
   def records, do: :ets.select(@records, [{{:_, :_, :_, :"$1"}, [], [:"$1"]}])
 
-  @doc "A robot's record."
+  @doc "Returns a robot's record, or `nil`."
   @spec record(module()) :: Record.t() | nil
   def record(robot) do
     case :ets.lookup(@records, robot) do
@@ -113,34 +117,39 @@ defmodule BB.Safety.Records do
     end
   end
 
-  @doc "Keeps a record."
+  @doc "Stores a record."
   @spec put(Record.t()) :: true
   def put(record), do: :ets.insert(@records, {record.robot, record.state, record.epoch, record})
 
   @doc """
-  Forgets a robot: its record, then the handlers whose processes have ended. Those of living
-  processes stay, which are outside of the robot's tree, and so does what inhibits arming.
+  Deletes a robot's record, then the handlers of processes that have ended.
+
+  Handlers of living processes, which are outside of the robot's tree, stay, and so do
+  inhibitions.
   """
-  @spec forget(module()) :: :ok
-  def forget(robot) do
+  @spec delete(module()) :: :ok
+  def delete(robot) do
     :ets.delete(@records, robot)
     sweep(robot)
   end
 
   # Handlers
 
-  @doc "Registers a handler in the place of the one that has its path."
+  @doc "Registers a handler. It replaces the handler of the same path."
   @spec register(module(), [atom()], pid(), module(), keyword()) :: true
   def register(robot, path, owner, module, opts) do
     id = System.unique_integer()
     :ets.insert(@entries, {{:handler, robot, path}, owner, module, opts, id})
   end
 
-  @doc "The robot's handlers."
+  @doc "Returns the robot's handlers."
   @spec handlers(module()) :: [handler()]
   def handlers(robot), do: :ets.match_object(@entries, {{:handler, robot, :_}, :_, :_, :_, :_})
 
-  @doc "Removes a handler if its process has ended and no other has registered for its path since."
+  @doc """
+  Removes a handler if its process has ended and no other handler was registered for its path
+  since.
+  """
   @spec release(handler()) :: :ok
   def release({_key, owner, _module, _opts, _id} = handler) do
     unless Process.alive?(owner), do: :ets.delete_object(@entries, handler)
@@ -151,10 +160,10 @@ defmodule BB.Safety.Records do
   @spec sweep(module()) :: :ok
   def sweep(robot), do: Enum.each(handlers(robot), &release/1)
 
-  # Inhibitions: `{:because, reason}` or `:none`, and the process that vouches for the path, or
+  # Inhibitions: `{:because, reason}` or `:none`, and the process that vouches for the path or
   # `:nobody`.
 
-  @doc "Keeps what inhibits arming, for a path. Who vouches for it does so still."
+  @doc "Stores the reason for which a path inhibits arming. A voucher of the path stays."
   @spec inhibit(module(), [atom()], term()) :: true
   def inhibit(robot, path, reason) do
     key = {:inhibition, robot, path}
@@ -164,24 +173,24 @@ defmodule BB.Safety.Records do
       :ets.insert_new(@entries, {key, because, :nobody}) or inhibit(robot, path, reason)
   end
 
-  @doc "Keeps that a path inhibits nothing while a process lives, and from its end on does."
+  @doc "Stores that a path inhibits arming from the end of a process on, and not before."
   @spec vouch(module(), [atom()], pid()) :: true
   def vouch(robot, path, pid),
     do: :ets.insert(@entries, {{:inhibition, robot, path}, :none, pid})
 
-  @doc "The processes that vouch for paths, dead ones too until `unattended/3`."
+  @doc "Returns the vouchers by path, dead ones too until `put_unattended/3`."
   @spec vouchers(module()) :: [{[atom()], pid()}]
   def vouchers(robot) do
     for {{_, _, path}, _reason, pid} when is_pid(pid) <- inhibition_rows(robot), do: {path, pid}
   end
 
-  @doc "Whether that process vouches for a path still: nobody vouches in its place."
+  @doc "Returns whether a process is still the voucher of a path."
   @spec voucher?(module(), [atom()], pid()) :: boolean()
   def voucher?(robot, path, pid), do: {path, pid} in vouchers(robot)
 
-  @doc "Keeps that the process that vouched for a path has ended. A successor's row stays."
-  @spec unattended(module(), [atom()], pid()) :: non_neg_integer()
-  def unattended(robot, path, pid) do
+  @doc "Stores the end of the voucher of a path. The row of a successor stays."
+  @spec put_unattended(module(), [atom()], pid()) :: non_neg_integer()
+  def put_unattended(robot, path, pid) do
     key = {:inhibition, robot, path}
     row = fn reason, voucher -> {{{:const, key}, reason, voucher}} end
 
@@ -191,11 +200,11 @@ defmodule BB.Safety.Records do
     ])
   end
 
-  @doc "Removes it."
+  @doc "Removes the inhibition of a path."
   @spec allow(module(), [atom()]) :: true
   def allow(robot, path), do: :ets.delete(@entries, {:inhibition, robot, path})
 
-  @doc "What inhibits arming, by path."
+  @doc "Returns the inhibitions, by path."
   @spec inhibitions(module()) :: [{[atom()], term()}]
   def inhibitions(robot) do
     for {{_, _, path}, inhibition, voucher} <- inhibition_rows(robot),
@@ -213,9 +222,9 @@ defmodule BB.Safety.Records do
 
   # Runs
 
-  @doc "Gives each handler its turn in a round."
-  @spec prepare(module(), integer(), [handler()]) :: true
-  def prepare(robot, round, handlers) do
+  @doc "Creates the runs of a round, one for each handler."
+  @spec create_runs(module(), integer(), [handler()]) :: true
+  def create_runs(robot, round, handlers) do
     runs =
       for {handler, n} <- Enum.with_index(handlers),
           do: {{:run, robot, round, n}, :nobody, nil, handler}
@@ -223,7 +232,7 @@ defmodule BB.Safety.Records do
     :ets.insert(@entries, runs)
   end
 
-  @doc "Makes the calling process the holder, which only one process becomes."
+  @doc "Claims a run for the calling process. Returns `true` to one process only."
   @spec claim(run_key()) :: boolean()
   def claim(key) do
     head = {key, :nobody, nil, :"$1"}
@@ -231,24 +240,24 @@ defmodule BB.Safety.Records do
     :ets.select_replace(@entries, [{head, [], [held]}]) == 1
   end
 
-  @doc "Keeps the outcome of a run. Of a round that is over nothing is kept."
-  @spec settle(run_key(), :ok | {:error, term()}) :: boolean()
-  def settle(key, outcome), do: :ets.update_element(@entries, key, {3, outcome})
+  @doc "Stores the outcome of a run, unless its round is over."
+  @spec put_outcome(run_key(), :ok | {:error, term()}) :: boolean()
+  def put_outcome(key, outcome), do: :ets.update_element(@entries, key, {3, outcome})
 
-  @doc "A run."
+  @doc "Returns a run."
   @spec run(run_key()) :: run()
   def run(key), do: @entries |> :ets.lookup(key) |> hd()
 
-  @doc "The runs of a round, or of all rounds (`:_`)."
+  @doc "Returns the runs of a round, or of all rounds (`:_`)."
   @spec runs(module(), integer() | :_) :: [run()]
   def runs(robot, round),
     do: :ets.match_object(@entries, {{:run, robot, round, :_}, :_, :_, :_})
 
-  @doc "Clears the robot's runs but those of a round."
+  @doc "Deletes the robot's runs, except the runs of a round."
   @spec clear_runs(module(), integer() | nil) :: :ok
-  def clear_runs(robot, but) do
+  def clear_runs(robot, except) do
     for {{:run, _, round, _} = key, _, _, _} <- runs(robot, :_),
-        round != but,
+        round != except,
         do: :ets.delete(@entries, key)
 
     :ok

@@ -1,12 +1,14 @@
 defmodule BB.Safety.Round do
   @moduledoc """
-  One disarming: all handlers at once, each in a process of its own, until a common deadline.
+  One disarming of a robot: all handlers run at once, each in a process of its own, until a common
+  deadline. `BB.Safety.Warden` begins and closes rounds.
 
-  Each handler has a row in `BB.Safety.Records`: its turn. A process takes the turn before it calls
-  the handler, which only one can do, and leaves the outcome there. So whoever continues a round,
-  because the process that began it died, finds what was done, waits for what is being done, and
-  calls no handler twice.
+  Each handler has a run, a row in `BB.Safety.Records`. A process claims the run before it calls
+  the handler, which only one process can do, and writes the outcome to it. When the warden
+  dies, its successor finds the outcomes, waits for the handlers that still run, and calls no
+  handler twice.
   """
+  @moduledoc no_example: "internal: BB.Safety.disarm/2 is its interface"
 
   alias BB.Callback
   alias BB.Safety.Records
@@ -14,7 +16,7 @@ defmodule BB.Safety.Round do
   @enforce_keys [:id, :timeout_ms, :deadline_ms, :started]
   defstruct [:id, :timeout_ms, :deadline_ms, :started, :cause]
 
-  @typedoc "`deadline_ms` and `started` (native units) are monotonic times; `cause` is what led to it."
+  @typedoc "`deadline_ms` and `started` (in native units) are monotonic times."
   @type t :: %__MODULE__{
           id: integer(),
           timeout_ms: pos_integer(),
@@ -25,7 +27,7 @@ defmodule BB.Safety.Round do
 
   @type cause :: :requested | :shutdown | {:root | :topology | {:voucher, [atom()]}, :ended}
 
-  @typedoc "Why a handler failed."
+  @typedoc "The failure of a handler."
   @type error ::
           {:returned_error, term()}
           | {:exception, String.t()}
@@ -34,11 +36,11 @@ defmodule BB.Safety.Round do
 
   @type failure :: {path :: [atom()], error()}
 
-  @doc "A round that begins now. Its handlers have their turns, none is called yet."
+  @doc "Creates a round with a run for each handler. No handler is called yet."
   @spec new(module(), pos_integer(), cause()) :: t()
   def new(robot, timeout_ms, cause) do
     id = System.unique_integer()
-    Records.prepare(robot, id, Records.handlers(robot))
+    Records.create_runs(robot, id, Records.handlers(robot))
 
     %__MODULE__{
       id: id,
@@ -49,20 +51,26 @@ defmodule BB.Safety.Round do
     }
   end
 
-  @doc "Calls what is not yet called and watches what is: the runs that have no outcome, by their monitors."
-  @spec go_on(t(), module()) :: %{reference() => Records.run_key()}
-  def go_on(round, robot) do
+  @doc """
+  Calls the handlers that are not called yet and monitors those that run. Returns the runs without
+  an outcome, by their monitors.
+  """
+  @spec continue(t(), module()) :: %{reference() => Records.run_key()}
+  def continue(round, robot) do
     for {key, _holder, nil, _handler} = run <- Records.runs(robot, round.id),
         into: %{},
         do: {watch(run), key}
   end
 
-  @doc "A process that ran a handler has ended: `:done`, or the monitor of the process that runs it now."
-  @spec ended(Records.run_key(), pid(), term()) :: :done | reference()
-  def ended(key, pid, reason) do
+  @doc """
+  Handles the end of a process that ran a handler. Returns `:done`, or the monitor of the process
+  that runs the handler now.
+  """
+  @spec handle_down(Records.run_key(), pid(), term()) :: :done | reference()
+  def handle_down(key, pid, reason) do
     case Records.run(key) do
       {_key, ^pid, nil, _handler} ->
-        Records.settle(key, {:error, {:exit, reason}})
+        Records.put_outcome(key, {:error, {:exit, reason}})
         :done
 
       {_key, _holder, nil, _handler} = run ->
@@ -74,20 +82,24 @@ defmodule BB.Safety.Round do
   end
 
   defp watch({key, :nobody, nil, {_, _owner, module, opts, _id}}) do
-    {_pid, ref} = spawn_monitor(__MODULE__, :work, [key, module, opts])
+    {_pid, ref} = spawn_monitor(__MODULE__, :run, [key, module, opts])
     ref
   end
 
   defp watch({_key, holder, nil, _handler}), do: Process.monitor(holder)
 
-  @doc "Takes a handler's turn, unless another process has it, calls the handler and leaves the outcome."
-  @spec work(Records.run_key(), module(), keyword()) :: boolean()
-  def work(key, module, opts), do: Records.claim(key) and Records.settle(key, call(module, opts))
+  @doc """
+  Claims a run, unless another process has claimed it, calls the handler and writes the outcome.
+  """
+  @spec run(Records.run_key(), module(), keyword()) :: boolean()
+  def run(key, module, opts),
+    do: Records.claim(key) and Records.put_outcome(key, call(module, opts))
 
   @doc """
-  Ends a round: its failures, by path. Handlers that are not done by now are killed and count as
-  failures. Those that were done without a failure, and whose process has ended, are handlers no
-  longer.
+  Closes a round and returns its failures, by path.
+
+  Kills handlers that have not returned, which counts as a failure. Removes a handler that has
+  returned `:ok` if the process that registered it has ended.
   """
   @spec close(t(), module()) :: [failure()]
   def close(round, robot) do
@@ -123,7 +135,7 @@ defmodule BB.Safety.Round do
     kind, reason -> {:error, {kind, Callback.showable(reason)}}
   end
 
-  # The message of an exception is code of a user's too.
+  # A user's code may compute the message of an exception.
   defp message(reason, stacktrace) do
     :error
     |> Exception.normalize(reason, stacktrace)

@@ -1,29 +1,30 @@
 defmodule BB.Safety.Supervisor do
   @moduledoc """
-  The processes of `BB.Safety`, outside of all robots and of all applications:
+  Supervises the processes of `BB.Safety`, outside of all robots and all applications:
 
       BB.Safety.Supervisor        rest_for_one
       ├── BB.Safety.Wardens       a BB.Safety.Warden for each robot
       ├── BB.Safety.Host          watches the application, whose end disarms all robots
       └── resume                  starts a warden again for each robot with a record, and ends
 
-  No supervisor stands above it, so none can take it down: it is there from the first start of the
-  application until the end of the VM. When it is killed, `BB.Safety.Anchor` starts it again,
-  which stands in the application, and where that is gone too, `BB.Safety.Host`. Nothing here
-  holds what it knows, so that nothing is lost with it (`BB.Safety.Records`).
+  It has no supervisor above it that could end it: it lives from the first start of the
+  application until the end of the VM. When it is killed, `BB.Safety.Anchor` in the application
+  starts it again, or `BB.Safety.Host` when the anchor is gone too. `BB.Safety.Records` has all
+  knowledge, so that none is lost with these processes.
   """
+  @moduledoc no_example: "internal: BB.Safety is its interface"
 
   use Supervisor
 
   alias BB.Safety.{Host, Records, Warden}
 
-  # However often wardens are killed, the others stay.
+  # Wardens that are killed many times do not end the others.
   @restarts [max_restarts: 1_000, max_seconds: 1]
 
-  # Longer than a supervisor gives its children to end.
+  # Longer than the shutdown time of a supervisor's children.
   @patience_ms 6_000
 
-  @doc "Starts safety, unless it runs. It does not end with the calling process."
+  @doc "Starts the supervisor, unless it runs. It does not end with the calling process."
   @spec start() :: :ok
   def start do
     unless Process.whereis(__MODULE__) do
@@ -34,8 +35,8 @@ defmodule BB.Safety.Supervisor do
     :ok
   end
 
-  # An application that ends kills all processes of its group, so this one belongs to the group of
-  # the VM.
+  # An application that ends kills all processes with its group leader, so this process gets the
+  # group leader of the VM.
   defp start_apart do
     Process.group_leader(self(), Process.whereis(:init))
 
@@ -58,8 +59,7 @@ defmodule BB.Safety.Supervisor do
     Supervisor.init(children, [strategy: :rest_for_one] ++ @restarts)
   end
 
-  # What a predecessor that was killed has left behind has the name still, and need not end by
-  # itself.
+  # An orphan of a killed predecessor still has its name, and may not end by itself.
   defp await_end(nil), do: :ok
 
   defp await_end(pid) do
@@ -74,7 +74,7 @@ defmodule BB.Safety.Supervisor do
     end
   end
 
-  @doc "Starts the wardens of robots that have a record."
+  @doc "Starts a warden for each robot with a record."
   @spec resume() :: :ok
   def resume, do: Enum.each(Records.records(), &Warden.resume/1)
 end

@@ -1,16 +1,17 @@
 defmodule BB.Safety.Warden do
   @moduledoc """
-  Decides about one robot's safety, and runs its disarmings. It stands outside the robot's own
-  processes and watches them.
+  Decides about one robot's safety and runs its disarmings, outside of the robot's own processes.
+  `BB.Safety` calls it.
 
-  It holds nothing that is not in `BB.Safety.Records`: one that is killed has a successor, which
-  goes on where it stopped, also in the midst of a disarming. It calls no code of a user's:
+  All its knowledge is in `BB.Safety.Records`: the successor of a killed warden continues where
+  the warden stopped, also in the middle of a disarming. A warden calls no code of a user:
   telemetry handlers and `disarm/1` callbacks run in processes of their own.
 
-  It is there from the start of the robot until the robot has ended and is disarmed. Whom it
-  watches follows from the tables alone (`attend/1`), by whatever way it or those whom it watches
-  have come: root and topology supervisor, and who vouches for a path.
+  A warden lives from the start of the robot until the robot has ended and is disarmed. It
+  monitors the root supervisor, the topology supervisor and the vouchers, which it reads from
+  the tables alone (`update_monitors/1`).
   """
+  @moduledoc no_example: "internal: BB.Safety is its interface"
 
   use GenServer, restart: :transient
   use BB.Process.Tolerant
@@ -19,7 +20,7 @@ defmodule BB.Safety.Warden do
 
   @supervisor BB.Safety.Wardens
   @timeout_ms 5_000
-  @again_ms 5
+  @retry_ms 5
   @patience_ms 10_000
 
   @enforce_keys [:record]
@@ -30,31 +31,35 @@ defmodule BB.Safety.Warden do
   @typedoc "Greater than the epoch of each arming before, less than that of each arming after it."
   @type moment :: pos_integer()
 
-  # What others ask
+  # Interface
 
-  @doc "How long handlers may take when nothing is said."
+  @doc "Returns the default timeout of handlers in milliseconds."
+  @spec default_timeout_ms() :: pos_integer()
   def default_timeout_ms, do: @timeout_ms
 
   @doc """
-  Has the calling process watched: a robot's `:root` or `:topology`, whose end disarms the robot.
-  A `:component` stands in for the root of a robot that has none, as one does that is started
-  alone.
+  Watches the calling process as the `:root` or the `:topology` of a robot. Its end disarms the
+  robot. A `:component` takes the place of the root when the robot has none, because the component
+  was started alone.
   """
   @spec watch(module(), role()) :: :ok
   def watch(robot, role) do
     unless Records.running?(),
-      do: raise("BB.Safety is not running: start the application :ganglion before a robot")
+      do: raise("BB.Safety is not running; start the application :ganglion before a robot")
 
     pid = self()
-    persist(fn _attempt -> watched_by(robot, role, pid) end)
+    retry(fn _attempt -> start_and_watch(robot, role, pid) end)
   end
 
-  @doc "Has the calling process vouch for a path: from its end on that path inhibits arming, and an armed robot is disarmed."
+  @doc """
+  Makes the calling process the voucher of a path. When it ends, the path inhibits arming, and an
+  armed robot is disarmed.
+  """
   @spec vouch(module(), [atom()]) :: :ok
   def vouch(robot, path) do
     pid = self()
 
-    persist(fn _attempt ->
+    retry(fn _attempt ->
       unless Records.known?(robot), do: watch(robot, :component)
       GenServer.call(name(robot), {:vouch, path, pid}, :infinity)
     end)
@@ -68,27 +73,27 @@ defmodule BB.Safety.Warden do
     request(robot, {:arm, ref, :first}, {:arm, ref, seen})
   end
 
-  @doc "Disarms the robot: the answer comes when its handlers are done."
+  @doc "Disarms the robot, and returns when its handlers have returned."
   @spec disarm(module(), pos_integer()) :: :ok | {:error, term()}
   def disarm(robot, timeout_ms), do: request(robot, {:disarm, make_ref(), timeout_ms})
 
-  @doc "Takes a robot out of its error."
+  @doc "Moves a robot from `:error` to `:disarmed`."
   @spec force_disarm(module()) :: :ok | {:error, term()}
   def force_disarm(robot), do: request(robot, {:force_disarm, make_ref()})
 
   @doc """
-  Disarms a robot that was armed before a moment, and waits for a disarming that is under way. A
-  robot that was armed later stays armed: what was to be made safe is not what is armed now.
+  Disarms a robot that was armed before a moment, and waits for a disarming in progress. A robot
+  that was armed later stays armed.
   """
   @spec secure(module(), moment()) :: :ok | {:error, term()}
   def secure(robot, moment \\ moment()), do: request(robot, {:secure, moment})
 
-  @doc "Now, among the epochs of all robots."
+  @doc "Returns the present moment, comparable with the epochs of all robots."
   @spec moment() :: moment()
   def moment, do: System.unique_integer([:positive, :monotonic])
 
-  # One that has a record takes no role from its start, which may be a repeated one.
-  defp watched_by(robot, role, pid) do
+  # A warden with a record takes no role at its start, which may be a repeated start.
+  defp start_and_watch(robot, role, pid) do
     _ = start(robot, role, pid)
     GenServer.call(name(robot), {:watch, role, pid}, :infinity)
   end
@@ -96,36 +101,37 @@ defmodule BB.Safety.Warden do
   defp start(robot, role, pid),
     do: DynamicSupervisor.start_child(@supervisor, {__MODULE__, {robot, role, pid}})
 
-  # A warden that dies has a successor, which is asked again and knows what became of the request.
+  # The successor of a warden that dies gets the request again, and knows its result.
   defp request(robot, request), do: request(robot, request, request)
 
   defp request(robot, request, again) do
-    persist(fn attempt ->
+    retry(fn attempt ->
       if Records.known?(robot),
         do: GenServer.call(name(robot), if(attempt == 1, do: request, else: again), :infinity),
         else: {:error, :not_registered}
     end)
   end
 
-  defp persist(fun), do: persist(fun, 1, System.monotonic_time(:millisecond) + @patience_ms)
+  defp retry(fun), do: retry(fun, 1, System.monotonic_time(:millisecond) + @patience_ms)
 
-  defp persist(fun, attempt, until_ms) do
+  defp retry(fun, attempt, until_ms) do
     fun.(attempt)
   catch
     :exit, reason ->
       if System.monotonic_time(:millisecond) > until_ms, do: exit(reason)
-      Process.sleep(@again_ms)
+      Process.sleep(@retry_ms)
       BB.Safety.Supervisor.start()
-      persist(fun, attempt + 1, until_ms)
+      retry(fun, attempt + 1, until_ms)
   end
 
   # The process
 
   @doc """
-  Starts the warden of a robot, for which `pid` has a role. `:ignore` when it runs: its supervisor
-  may have started it anew before someone who needs it could, or the other way round, and neither
-  is a failure. One that a killed supervisor has left behind is ended: it need not end by itself,
-  for a supervisor that is killed while it stops its children has let go of them already.
+  Starts the warden of a robot, in which `pid` has a role.
+
+  Returns `:ignore` when the warden runs: its supervisor and a caller may both start it. Kills a
+  warden that a killed supervisor has left behind: such an orphan may not end by itself, because a
+  supervisor that is killed while it stops its children has unlinked them already.
   """
   @spec start_link({module(), role() | :nobody, pid() | nil}) :: GenServer.on_start()
   def start_link({robot, _role, _pid} = argument) do
@@ -149,7 +155,7 @@ defmodule BB.Safety.Warden do
   @doc "Starts the warden of a robot with a record, unless it runs."
   @spec resume(Record.t()) :: :ok
   def resume(%{robot: robot}) do
-    persist(fn _attempt ->
+    retry(fn _attempt ->
       _ = start(robot, :nobody, nil)
       :ok
     end)
@@ -159,24 +165,29 @@ defmodule BB.Safety.Warden do
 
   @impl GenServer
   def init({robot, role, pid}) do
-    # An emergency stop does not queue behind what the robot computes.
+    # An emergency stop must not wait for the computations of the robot.
     Process.flag(:priority, :high)
 
     case {Records.record(robot), role} do
-      {nil, :nobody} -> :ignore
-      {nil, role} -> {:ok, watch_role(%__MODULE__{record: %Record{robot: robot}}, role, pid)}
-      {record, _role} -> {:ok, go_on(%__MODULE__{record: record}), {:continue, :settle}}
+      {nil, :nobody} ->
+        :ignore
+
+      {nil, role} ->
+        {:ok, watch_role(%__MODULE__{record: %Record{robot: robot}}, role, pid)}
+
+      {record, _role} ->
+        {:ok, resume_record(%__MODULE__{record: record}), {:continue, :finish_if_done}}
     end
   end
 
-  # What another process began: who was watched is watched again, and a round is continued.
-  defp go_on(%{record: record} = warden) do
+  # Continues the work of a predecessor: its monitors and its round.
+  defp resume_record(%{record: record} = warden) do
     Records.clear_runs(record.robot, record.round && record.round.id)
-    warden |> attend() |> run()
+    warden |> update_monitors() |> run()
   end
 
   @impl GenServer
-  def handle_continue(:settle, warden), do: warden |> settle() |> noreply()
+  def handle_continue(:finish_if_done, warden), do: warden |> finish_if_done() |> noreply()
 
   @impl GenServer
   def handle_call({:watch, role, pid}, _from, warden),
@@ -184,7 +195,7 @@ defmodule BB.Safety.Warden do
 
   def handle_call({:vouch, path, pid}, _from, %{record: record} = warden) do
     Records.vouch(record.robot, path, pid)
-    {:reply, :ok, attend(warden)}
+    {:reply, :ok, update_monitors(warden)}
   end
 
   def handle_call({:arm, ref, seen}, _from, %{record: record} = warden) do
@@ -192,7 +203,7 @@ defmodule BB.Safety.Warden do
     forbidden = if Records.hosted?(), do: Records.inhibitions(record.robot), else: :not_running
 
     case Record.arm(record, ref, seen, epoch, forbidden) do
-      {:ok, record} -> {:reply, :ok, become(warden, record)}
+      {:ok, record} -> {:reply, :ok, put_record(warden, record)}
       {:error, reason} -> {:reply, {:error, reason}, warden}
     end
   end
@@ -207,7 +218,7 @@ defmodule BB.Safety.Warden do
 
   def handle_call({:force_disarm, ref}, _from, %{record: record} = warden) do
     case Record.force_disarm(record, ref) do
-      {:ok, record} -> warden |> become(record) |> reply(:ok)
+      {:ok, record} -> warden |> put_record(record) |> reply(:ok)
       error -> {:reply, error, warden}
     end
   end
@@ -230,8 +241,8 @@ defmodule BB.Safety.Warden do
       when is_map_key(runs, ref) do
     {key, runs} = Map.pop!(runs, ref)
 
-    case Round.ended(key, pid, reason) do
-      :done -> noreply(settle(%{warden | runs: runs}))
+    case Round.handle_down(key, pid, reason) do
+      :done -> noreply(finish_if_done(%{warden | runs: runs}))
       ref -> noreply(%{warden | runs: Map.put(runs, ref, key)})
     end
   end
@@ -239,7 +250,7 @@ defmodule BB.Safety.Warden do
   def handle_info({:DOWN, ref, :process, pid, _reason}, warden) do
     case Enum.find(warden.watched, &match?({_watched, ^ref}, &1)) do
       {{role, ^pid} = gone, ^ref} ->
-        noreply(lost(%{warden | watched: Map.delete(warden.watched, gone)}, role, pid))
+        noreply(handle_end(%{warden | watched: Map.delete(warden.watched, gone)}, role, pid))
 
       nil ->
         noreply(warden)
@@ -251,10 +262,10 @@ defmodule BB.Safety.Warden do
 
   def handle_info(_message, warden), do: noreply(warden)
 
-  # Who is watched
+  # Monitors
 
-  # Who takes the place of another that is watched brings the news of its death. What follows from
-  # that is kept before the new one is, so that nothing is forgotten when the warden dies here.
+  # A process that takes the role of another shows that the other is dead. The effects of that
+  # death are stored before the new process is, so that none is lost when the warden dies here.
 
   defp watch_role(%{record: %{root: nil}} = warden, :component, pid),
     do: watch_role(warden, :root, pid)
@@ -269,21 +280,21 @@ defmodule BB.Safety.Warden do
     end
   end
 
-  # Handlers that nobody's end has removed: of components that were started alone, or outlived
-  # their robot.
+  # Removes handlers of dead processes: of components that were started alone, or outlived their
+  # robot.
   defp enter(%{record: record} = warden, role, pid) do
     if role == :root and record.state == :disarmed, do: Records.sweep(record.robot)
-    become(warden, Record.enter(record, role, pid))
+    put_record(warden, Record.enter(record, role, pid))
   end
 
-  # The one place where anybody is watched.
-  defp attend(%{record: record, watched: watched} = warden) do
+  # Monitors the processes of the record and the vouchers, and no others.
+  defp update_monitors(%{record: record, watched: watched} = warden) do
     wanted = Record.watched(record) ++ vouchers(record.robot)
     {kept, dropped} = Map.split(watched, wanted)
-    for {_who, ref} <- dropped, do: Process.demonitor(ref, [:flush])
+    for {_process, ref} <- dropped, do: Process.demonitor(ref, [:flush])
 
     new =
-      for {_role, pid} = who <- wanted, not is_map_key(kept, who), do: {who, Process.monitor(pid)}
+      for {_role, pid} = key <- wanted, not is_map_key(kept, key), do: {key, Process.monitor(pid)}
 
     %{warden | watched: Map.merge(kept, Map.new(new))}
   end
@@ -291,19 +302,19 @@ defmodule BB.Safety.Warden do
   defp vouchers(robot),
     do: for({path, pid} <- Records.vouchers(robot), do: {{:voucher, path}, pid})
 
-  # The table keeps that it has ended after it keeps what follows from that, so that a successor
-  # finds what is still to be done.
-  defp lost(warden, {:voucher, path} = role, pid) do
+  # The end of the voucher is stored after its effects, so that a successor finds what is left
+  # to do.
+  defp handle_end(warden, {:voucher, path} = role, pid) do
     robot = warden.record.robot
     vouched? = Records.voucher?(robot, path, pid)
     warden = if vouched?, do: disarm(warden, nil, @timeout_ms, {role, :ended}), else: warden
-    Records.unattended(robot, path, pid)
-    attend(warden)
+    Records.put_unattended(robot, path, pid)
+    update_monitors(warden)
   end
 
-  defp lost(warden, role, _pid) do
+  defp handle_end(warden, role, _pid) do
     warden = disarm(warden, nil, @timeout_ms, {role, :ended})
-    become(warden, Map.put(warden.record, role, nil))
+    put_record(warden, Map.put(warden.record, role, nil))
   end
 
   # Disarming
@@ -314,8 +325,8 @@ defmodule BB.Safety.Warden do
     Records.put(disarming)
     warden = run(%{warden | record: disarming})
     Events.transition(record, disarming)
-    Events.began(record.robot, round)
-    settle(warden)
+    Events.disarm_started(record.robot, round)
+    finish_if_done(warden)
   end
 
   defp disarm(warden, _ref, _timeout_ms, _cause), do: warden
@@ -324,13 +335,13 @@ defmodule BB.Safety.Warden do
 
   defp run(%{record: %{round: round, robot: robot}} = warden) do
     deadline = :erlang.start_timer(round.deadline_ms, self(), :deadline, abs: true)
-    %{warden | runs: Round.go_on(round, robot), deadline: deadline}
+    %{warden | runs: Round.continue(round, robot), deadline: deadline}
   end
 
-  defp settle(%{runs: runs, record: %{state: :disarming}} = warden) when runs == %{},
+  defp finish_if_done(%{runs: runs, record: %{state: :disarming}} = warden) when runs == %{},
     do: finish(warden)
 
-  defp settle(warden), do: warden
+  defp finish_if_done(warden), do: warden
 
   defp finish(%{record: %{robot: robot, round: round}} = warden) do
     for {ref, _key} <- warden.runs, do: Process.demonitor(ref, [:flush])
@@ -338,25 +349,25 @@ defmodule BB.Safety.Warden do
     failures = Round.close(round, robot)
 
     warden =
-      become(%{warden | runs: %{}, deadline: nil}, Record.disarmed(warden.record, failures))
+      put_record(%{warden | runs: %{}, deadline: nil}, Record.disarmed(warden.record, failures))
 
     Records.clear_runs(robot, nil)
-    Events.ended(robot, round, failures)
+    Events.disarm_stopped(robot, round, failures)
     for from <- warden.waiting, do: GenServer.reply(from, Record.outcome(warden.record))
     %{warden | waiting: []}
   end
 
   defp wait(warden, from), do: %{warden | waiting: [from | warden.waiting]}
 
-  # Changing
+  # State
 
-  defp become(%{record: old} = warden, record) do
+  defp put_record(%{record: old} = warden, record) do
     Records.put(record)
     if old.state != record.state, do: Events.transition(old, record)
-    attend(%{warden | record: record})
+    update_monitors(%{warden | record: record})
   end
 
-  # Returning: a robot that has ended and is disarmed needs nobody.
+  # Returns. A robot that has ended and is disarmed needs no warden.
 
   defp noreply(warden) do
     if over?(warden), do: {:stop, :normal, warden}, else: {:noreply, warden}
@@ -368,7 +379,7 @@ defmodule BB.Safety.Warden do
 
   defp over?(%{record: record}) do
     over? = Record.over?(record)
-    if over?, do: Records.forget(record.robot)
+    if over?, do: Records.delete(record.robot)
     over?
   end
 end

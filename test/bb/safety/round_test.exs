@@ -20,7 +20,7 @@ defmodule BB.Safety.RoundTest do
 
     takers =
       for _ <- 1..100,
-          do: Task.async(fn -> receive do: (:go -> Round.work(key, module, opts)) end)
+          do: Task.async(fn -> receive do: (:go -> Round.run(key, module, opts)) end)
 
     for taker <- takers, do: send(taker.pid, :go)
     taken = Task.await_many(takers, 30_000)
@@ -40,14 +40,14 @@ defmodule BB.Safety.RoundTest do
       end
     )
 
-    _first = Round.go_on(round, robot)
+    _first = Round.continue(round, robot)
     assert_receive {:held, held}, 30_000
-    runs = Round.go_on(round, robot)
+    runs = Round.continue(round, robot)
     assert [{ref, key}] = Map.to_list(runs)
     send(held, :go_on)
     assert_receive {:DOWN, ^ref, :process, ^held, reason}, 30_000
-    assert Round.ended(key, held, reason) == :done
-    assert Round.go_on(round, robot) == %{}
+    assert Round.handle_down(key, held, reason) == :done
+    assert Round.continue(round, robot) == %{}
     assert Round.close(round, robot) == []
     assert Brake.runs(robot, @path) == 1
   end
