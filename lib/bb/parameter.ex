@@ -1,6 +1,7 @@
 defmodule BB.Parameter do
   @moduledoc """
-  What of a robot can be tuned while it runs: named values with a type, bounds and a default.
+  Parameters of a robot: named values with a type, bounds and a default, which can be set while
+  the robot runs. Use them for what people tune, such as rates, gains and limits.
 
       defmodule MyRobot do
         use BB
@@ -13,7 +14,7 @@ defmodule BB.Parameter do
           param :debug, type: :boolean, default: false, doc: "Whether to log each sample."
 
           group :imu do
-            param :rate, type: {:unit, :hertz}, default: ~u(100 hertz), min: ~u(1 hertz), max: ~u(1 kilohertz)
+            param :rate, type: {:unit, :hertz}, default: ~u(100 hertz), max: ~u(1 kilohertz)
           end
         end
 
@@ -26,30 +27,36 @@ defmodule BB.Parameter do
 
       BB.Parameter.set(MyRobot, [:imu, :rate], ~u(200 hertz))
 
-  `BB.Parameter.Type` lists the types. A declaration that is wrong is a `BB.Dsl.Error` when the robot compiles.
+  `BB.Parameter.Type` lists the types. A wrong declaration raises `BB.Dsl.Error` when the robot's
+  module is compiled.
 
   ## Reading
 
-  `get/2` reads a table; no process is asked, so it may stand in a loop.
+  `get/2` reads an ETS table and calls no process, so it may be called in a loop.
 
   ## Setting
 
-  `set/3` and `set_many/2` check what they are given; what does not fit changes nothing. They return when the robot's store has kept the
-  values for good (`BB.Parameter.Store`). Values with a unit may be given in any that converts, and are kept in the parameter's own. Writes run one after the other, and a value can be read before
-  anyone hears of it: each publishes `BB.Parameter.Changed` on `[:param | path]`, with the frame_id `:parameter`, also when the
-  value is the old one.
+  `set/3` and `set_many/2` check the values; a wrong value changes nothing. They return when the
+  robot's store has saved the values for good (`BB.Parameter.Store`). A value may have any unit
+  that converts to the unit of the parameter, and is converted to it.
+
+  Writes run one after the other. Each publishes `BB.Parameter.Changed` on `[:param | path]`, with
+  the frame_id `:parameter`, also when the value is the same as before. When the message arrives,
+  the value can be read.
 
   ## Following
 
-  `param([:imu, :rate])` in a robot's declaration follows the parameter: see `BB.Sensor`. A process of one's own subscribes to
-  `[:param, :imu, :rate]`, or to `[:param, :imu]` for the whole group, or uses `watch/2`, which tells the current values and every later
-  change, none twice and none missed.
+  `param([:imu, :rate])` in a robot's declaration follows the parameter: see `BB.Sensor`. Your own
+  process subscribes to `[:param, :imu, :rate]`, or to `[:param, :imu]` for the whole group, or
+  uses `watch/2`, which returns the current values and sends every later change exactly once.
 
-  ## Where values come from
+  ## Origin of the values
 
-  The default of the declaration, if need be replaced by the persisted value, if need be replaced by that of
-  `start_link(params: [imu: [rate: ~u(50 hertz)]])`. A value there that is wrong fails the start; a persisted one is
-  logged and dropped, so that no file can keep a robot from starting. `BB.Parameter.Store` says what is kept.
+  A parameter starts with the default of its declaration. The persisted value overrides the
+  default, and a value in `start_link(params: [imu: [rate: ~u(50 hertz)]])` overrides both. A
+  wrong value in `params:` fails the start. A wrong persisted value is logged and dropped, so
+  that no file can prevent the start of a robot. `BB.Parameter.Store` explains which values are
+  persisted.
 
   All functions raise `ArgumentError` when the robot is not started.
   """
@@ -57,7 +64,7 @@ defmodule BB.Parameter do
   alias BB.Options.ValidationError
   alias BB.Parameter.{Definition, Owner, Reference, Values}
 
-  @typedoc "The names of the groups around a parameter, and its own: `[:imu, :rate]`."
+  @typedoc "The names of the groups around a parameter, and its own name: `[:imu, :rate]`."
   @type path :: [atom(), ...]
 
   @type reason ::
@@ -66,18 +73,18 @@ defmodule BB.Parameter do
   @type not_kept :: {:not_kept, term()}
 
   @doc """
-  The parameters that a module brings, for `register/3`: `[name: [type: …, default: …]]`, with the fields of `param` in
-  the robot's declaration.
+  Returns the parameters of a module for `register/3`: `[name: [type: …, default: …]]`, with the
+  fields of `param` in a robot's declaration.
   """
   @callback param_schema() :: keyword()
 
-  @doc "A parameter's value."
+  @doc "Returns a parameter's value: `{:ok, value}`, or `{:error, :not_found}`."
   @spec get(module(), path()) :: {:ok, term()} | {:error, :not_found}
   def get(robot, path) do
     with :error <- Values.fetch(robot, path), do: {:error, :not_found}
   end
 
-  @doc "A parameter's value itself. Raises `ArgumentError` when there is no such parameter."
+  @doc "Returns a parameter's value. Raises `ArgumentError` when the robot has no such parameter."
   @spec get!(module(), path()) :: term()
   def get!(robot, path) do
     case Values.fetch(robot, path) do
@@ -91,11 +98,12 @@ defmodule BB.Parameter do
 
   Errors:
 
-    * `{:unregistered_parameter, path}` - there is no parameter, and no group around it that has any
-    * `{:unknown_parameter, name}` - there is such a group, but it has no parameter of that name
-    * `BB.Options.ValidationError` - the value is of the wrong type or out of bounds
-    * `{:not_kept, reason}` - the value is set, but the store could not keep it, since the disk is full for one
-      (`:enospc`). It is tried again until it can; the alarm `{BB.Parameter, robot, :not_kept}` is set for as long as that takes
+    * `{:unregistered_parameter, path}` - the robot has neither this parameter nor its group
+    * `{:unknown_parameter, name}` - the group exists and has no parameter of this name
+    * `BB.Options.ValidationError` - the value has the wrong type or is out of bounds
+    * `{:not_kept, reason}` - the value is set, but the store could not save it, for example
+      because the disk is full (`:enospc`). The store is tried again until it saves the value;
+      until then the alarm `{BB.Parameter, robot, :not_kept}` is set
   """
   @spec set(module(), path(), term()) :: :ok | {:error, reason() | not_kept()}
   def set(robot, path, value) do
@@ -103,23 +111,27 @@ defmodule BB.Parameter do
   end
 
   @doc """
-  Sets several parameters, `{path, value}` each, at the same moment; or none, when one of them is wrong. A component that refers to several of
-  them takes them on at once. The last value of a path that is given twice counts.
+  Sets several parameters, each as `{path, value}`, at the same moment; or none, when one of
+  them is wrong. A component that refers to several of them gets all new values at once. If a
+  path is given twice, its last value counts.
 
-  They are kept as one too: after a power failure all are there or none, if the store can (`BB.Parameter.Store.Log` can).
-  `{:error, {:not_kept, reason}}` says that all are set, but not kept.
+  The values are saved as one too, if the store supports it, as `BB.Parameter.Store.Log` does:
+  after a power failure all are saved or none. `{:error, {:not_kept, reason}}` means that all
+  are set but not saved.
   """
   @spec set_many(module(), [{path(), term()}] | %{path() => term()}) ::
           :ok | {:error, [{path(), reason()}] | not_kept()}
   def set_many(robot, changes) do
     changes = Enum.map(changes, &change!/1)
-    # A wrong value is shown in the error, by code of its module's: it is found out here.
+
+    # The error shows a wrong value, by code of the value's module: so it is found in this
+    # process.
     with :ok <- Owner.check_values(robot, changes), do: Owner.call(robot, {:set, changes})
   end
 
   @doc """
-  The parameters at or below `prefix:` (all by default) in the order of their paths, each with its value, type, bounds, documentation
-  and default.
+  Lists the parameters at or below `prefix:` (default: all) in the order of their paths, each with
+  its value, type, bounds, documentation and default.
   """
   @spec list(module(), prefix: [atom()]) :: [{path(), map()}]
   def list(robot, opts \\ []) do
@@ -131,16 +143,17 @@ defmodule BB.Parameter do
   end
 
   @doc """
-  Adds the parameters of a module (`c:param_schema/0`) below `path`, with their persisted values where there are some.
+  Adds the parameters of a module (`c:param_schema/0`) below `path`, with their persisted values.
 
-  Registered again they keep their values, as far as those fit. `{:error, {:already_registered, path}}` when there are parameters of another
-  origin at or below one of them. Raises `ArgumentError` for a module without a schema, and for a schema that is wrong.
+  Parameters that are registered again keep their values, if they fit. Returns
+  `{:error, {:already_registered, path}}` when parameters of another origin exist at or below
+  one of them. Raises `ArgumentError` for a module without a schema, and for a wrong schema.
   """
   @spec register(module(), path(), module()) :: :ok | {:error, {:already_registered, path()}}
   def register(robot, path, module) do
     unless Code.ensure_loaded?(module) and function_exported?(module, :param_schema, 0) do
       raise ArgumentError,
-            "#{inspect(module)} has no parameters: it needs a function param_schema/0 (BB.Parameter)"
+            "expected a module with param_schema/0 (BB.Parameter), got: #{inspect(module)}"
     end
 
     definitions = Definition.of_schema!(path, module.param_schema(), {path, module})
@@ -148,10 +161,12 @@ defmodule BB.Parameter do
   end
 
   @doc """
-  Watches parameters for the calling process: `{:ok, ref, %{path => value}}`, the values as they are now.
+  Watches parameters for the calling process. Returns `{:ok, ref, %{path => value}}` with the
+  current values.
 
-  Each later `set/3` or `set_many/2` of some of them sends one `{BB.Parameter, ref, %{path => new_value}}`. When the watch ends because the
-  robot's parameters are started anew, the process gets `{:DOWN, ref, :process, _, _}`.
+  Each later `set/3` or `set_many/2` of some of them sends one message
+  `{BB.Parameter, ref, %{path => new_value}}`. When the watch ends because the robot's parameters
+  are started again, the process receives `{:DOWN, ref, :process, _, _}`.
   """
   @spec watch(module(), [path()]) ::
           {:ok, reference(), %{path() => term()}} | {:error, {:unregistered_parameter, path()}}
@@ -169,16 +184,17 @@ defmodule BB.Parameter do
   end
 
   @doc """
-  A keyword list or map, such as the limit of a joint, with the current values in the place of its references (`param([:a, :b])`).
+  Replaces the references in a keyword list or map, such as the limit of a joint, by the current
+  values of the parameters (`BB.Parameter.Reference`).
   """
   @spec resolve(module(), term()) :: term()
   def resolve(robot, fields), do: Reference.resolve(fields, &get!(robot, &1))
 
-  # The length of an improper list is none.
+  # The guard fails for an improper list.
   defp change!({path, value}) when length(path) > 0, do: {path, value}
 
   defp change!(other) do
     raise ArgumentError,
-          "what is set is {path, value} with a path such as [:imu, :rate], got: #{inspect(other)}"
+          "expected {path, value} with a path such as [:imu, :rate], got: #{inspect(other)}"
   end
 end

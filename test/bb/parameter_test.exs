@@ -279,7 +279,7 @@ defmodule BB.ParameterTest do
       robot = start_tunable()
       assert Parameter.set_many(robot, %{[:debug] => true}) == :ok
 
-      assert_raise ArgumentError, ~r/what is set is {path, value}/, fn ->
+      assert_raise ArgumentError, ~r/expected {path, value}/, fn ->
         Parameter.set_many(robot, debug: true)
       end
 

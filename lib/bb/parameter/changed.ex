@@ -1,16 +1,23 @@
 defmodule BB.Parameter.Changed do
   @moduledoc """
-  A parameter has been set, published on `[:param | path]` with the frame_id `:parameter`.
+  The payload for a parameter that was set. `BB.Parameter` publishes it on `[:param | path]` with
+  the frame_id `:parameter`.
 
-  `source` says by whom:
+      {:ok, _} = BB.subscribe(MyRobot, [:param, :imu])
+
+      receive do
+        {:bb, [:param, :imu, :rate], %{payload: %BB.Parameter.Changed{new_value: rate}}} -> rate
+      end
+
+  `source` is the origin of the value:
 
     * `:local` - `BB.Parameter.set/3` or `set_many/2`
-    * `:init` - its default, when the robot starts or the parameter is registered
-    * `:persisted` - the store, then
+    * `:init` - the default, when the robot starts or the parameter is registered
+    * `:persisted` - the store, when the robot starts or the parameter is registered
     * `:startup` - `start_link(params: …)`
 
-  `old_value` is `nil` for the last three. When a parameter's message arrives `BB.Parameter.get/2` has its value already,
-  or a newer one.
+  `old_value` is `nil` for the last three. When the message arrives, `BB.Parameter.get/2`
+  returns its value or a newer one.
   """
 
   @sources [:local, :init, :persisted, :startup]
@@ -28,9 +35,9 @@ defmodule BB.Parameter.Changed do
 
   use BB.Message,
     schema: [
-      path: [type: {:list, :atom}, required: true, doc: "The parameter."],
-      old_value: [type: :any, default: nil, doc: "Its value before."],
-      new_value: [type: :any, required: true, doc: "Its value now."],
-      source: [type: {:in, @sources}, required: true, doc: "Who set it."]
+      path: [type: {:list, :atom}, required: true, doc: "The path of the parameter."],
+      old_value: [type: :any, default: nil, doc: "The value before."],
+      new_value: [type: :any, required: true, doc: "The value now."],
+      source: [type: {:in, @sources}, required: true, doc: "The origin of the value."]
     ]
 end

@@ -1,9 +1,14 @@
 defmodule BB.Parameter.Definition do
   @moduledoc """
-  What a parameter is: its path, type, bounds, default and purpose. Pure.
+  The definition of a parameter: its path, type, bounds, default and documentation. Pure.
+  `BB.Robot` lists the definitions of a robot.
 
-  `:registrant` is `nil` for a parameter of the robot's declaration, and `{path, module}` for one that
-  `BB.Parameter.register/3` brought.
+      iex> {:ok, gain} = BB.Parameter.Definition.new([:arm, :gain], type: :float, default: 1.0)
+      iex> {gain.path, gain.type, gain.default}
+      {[:arm, :gain], :float, 1.0}
+
+  `:registrant` is `nil` for a parameter of the robot's declaration, and `{path, module}` for a
+  parameter that `BB.Parameter.register/3` has added.
   """
 
   alias BB.Options.ValidationError
@@ -25,7 +30,8 @@ defmodule BB.Parameter.Definition do
   @fields [:type, :default, :min, :max, :doc]
 
   @doc """
-  A definition of the fields `type:`, `default:`, `min:`, `max:` and `doc:`, or what is wrong with them.
+  Makes a definition from the fields `type:`, `default:`, `min:`, `max:` and `doc:`. Returns
+  `{:ok, definition}` or `{:error, reason}`.
 
       iex> BB.Parameter.Definition.new([:arm, :gain], type: :float, default: 2.0, max: 1.0)
       {:error, "parameter [:arm, :gain]: default: expected at most 1.0, got: 2.0"}
@@ -34,8 +40,8 @@ defmodule BB.Parameter.Definition do
   def new(path, fields) do
     fields = Map.new(fields)
 
-    with :ok <- known(Map.keys(fields) -- @fields),
-         :ok <- typed(fields),
+    with :ok <- check_fields(Map.keys(fields) -- @fields),
+         :ok <- check_type(fields),
          :ok <- Type.check_bounds(fields.type, fields[:min], fields[:max]),
          {:ok, definition} <- with_default(struct!(%__MODULE__{path: path, type: nil}, fields)) do
       {:ok, definition}
@@ -44,7 +50,10 @@ defmodule BB.Parameter.Definition do
     end
   end
 
-  @doc "The definitions of a schema, `[name: [type: …, default: …]]`, below `path`. Raises `ArgumentError` when it is wrong."
+  @doc """
+  Makes the definitions of a schema, `[name: [type: …, default: …]]`, below `path`. Raises
+  `ArgumentError` for a wrong schema.
+  """
   @spec of_schema!(BB.Parameter.path(), keyword(), {BB.Parameter.path(), module()}) :: [t()]
   def of_schema!(path, schema, registrant) do
     for {name, fields} <- schema do
@@ -56,7 +65,8 @@ defmodule BB.Parameter.Definition do
   end
 
   @doc """
-  A value as the definition wants it: `{:ok, value}`, converted to its unit, or `{:error, error}`.
+  Casts a value to the type of the definition: `{:ok, value}`, converted to its unit, or
+  `{:error, error}`.
 
       iex> {:ok, gain} = BB.Parameter.Definition.new([:arm, :gain], type: :float)
       iex> {:error, error} = BB.Parameter.Definition.cast(gain, 1)
@@ -73,20 +83,20 @@ defmodule BB.Parameter.Definition do
     end
   end
 
-  @doc "The definition and its value as `BB.Parameter.list/2` shows them."
+  @doc "Describes a definition and its value, as `BB.Parameter.list/2` returns them."
   @spec describe(t(), term()) :: map()
   def describe(%__MODULE__{} = definition, value),
     do: definition |> Map.take([:type, :min, :max, :doc, :default]) |> Map.put(:value, value)
 
-  defp known([]), do: :ok
+  defp check_fields([]), do: :ok
 
-  defp known(unknown),
-    do: {:error, "it has no #{listed(unknown)}; it takes #{listed(@fields)}"}
+  defp check_fields(unknown),
+    do: {:error, "unknown fields #{inspect(unknown)}, valid fields are: #{inspect(@fields)}"}
 
-  defp typed(%{type: type}), do: Type.check(type)
+  defp check_type(%{type: type}), do: Type.check(type)
 
-  defp typed(_fields),
-    do: {:error, "it has no type; add `type:`, such as `type: :float`"}
+  defp check_type(_fields),
+    do: {:error, "the type is missing; add `type:`, such as `type: :float`"}
 
   defp with_default(%{default: nil} = definition), do: {:ok, definition}
 
@@ -97,9 +107,7 @@ defmodule BB.Parameter.Definition do
     end
   end
 
-  # The sentence's beginning names an option, which a default is not.
+  # The message begins with the name of an option, and a default is no option.
   defp reason(%{message: message, key: key}),
     do: String.replace_prefix(message, "invalid value for #{inspect(key)} option: ", "")
-
-  defp listed(words), do: Enum.map_join(words, ", ", &inspect/1)
 end

@@ -1,12 +1,13 @@
 defmodule BB.Parameter.Owner do
   @moduledoc """
-  Writes a robot's parameters, one request after the other.
+  Sets a robot's parameters, one request after the other. `BB.Parameter` calls it.
 
-  A request is checked as a whole. Then all its values stand in the table at the same moment,
-  `BB.Parameter.Changed` is published for each, and each watcher hears once of those that it
-  watches. The caller has its reply from `BB.Parameter.Persistence`, when the store has the
+  It checks a request as a whole. Then it writes all values to the table at the same moment,
+  publishes `BB.Parameter.Changed` for each, and sends each watcher one message with the values
+  that it watches. `BB.Parameter.Persistence` replies to the caller when the store has saved the
   values; the owner waits for no store.
   """
+  @moduledoc no_example: "internal: BB.Parameter is its interface"
 
   use GenServer
   use BB.Process.Tolerant
@@ -23,19 +24,19 @@ defmodule BB.Parameter.Owner do
   def start_link({robot, given}),
     do: GenServer.start_link(__MODULE__, {robot, given}, name: name(robot))
 
-  @doc "Makes a request of a robot's owner. Raises `ArgumentError` when the robot is not started."
+  @doc "Calls a robot's owner. Raises `ArgumentError` when the robot is not started."
   @spec call(module(), term()) :: term()
   def call(robot, request) do
     case Process.whereis(name(robot)) do
       nil -> Values.not_started!(robot)
-      # Whoever waits hears of the owner's end; the store's time is bounded.
+      # The call exits when the owner ends, and the time of the store is bounded.
       pid -> GenServer.call(pid, request, :infinity)
     end
   end
 
   @doc """
-  Finds values that do not fit, in the calling process: `{:error, [{path, reason}]}`. How a value
-  is shown may be code of others.
+  Checks values in the calling process: `:ok`, or `{:error, [{path, reason}]}`. The error shows
+  the value, which may run code of others.
   """
   @spec check_values(module(), [{BB.Parameter.path(), term()}]) ::
           :ok | {:error, [{BB.Parameter.path(), term()}]}
@@ -44,7 +45,7 @@ defmodule BB.Parameter.Owner do
       {:ok, _values} ->
         :ok
 
-      # Whether there is a parameter the owner knows, also while the robot starts.
+      # The owner judges unknown parameters: it knows all, also while the robot starts.
       {:error, errors} ->
         wrong? = Enum.any?(errors, fn {_path, reason} -> is_exception(reason) end)
         if wrong?, do: {:error, errors}, else: :ok
@@ -57,11 +58,10 @@ defmodule BB.Parameter.Owner do
   def init({robot, given}) do
     owner = %__MODULE__{robot: robot, given: given, persistence: Persistence.whereis(robot)}
 
-    # What is there already was left by an owner that crashed, and is newer than what was
-    # declared.
+    # The table has values of an owner that crashed, which are newer than the declaration.
     missing = Enum.reject(robot.robot().parameters, &known?(owner, &1.path))
-    introduce(owner, missing)
-    {:ok, Enum.reduce(Values.watches(robot), owner, &follow/2)}
+    add_parameters(owner, missing)
+    {:ok, Enum.reduce(Values.watches(robot), owner, &monitor/2)}
   end
 
   @impl GenServer
@@ -81,7 +81,7 @@ defmodule BB.Parameter.Owner do
       [] ->
         watch = {ref, pid, paths}
         Values.put_watch(owner.robot, watch)
-        {:reply, {:ok, Map.new(paths, &{&1, value!(owner, &1)})}, follow(watch, owner)}
+        {:reply, {:ok, Map.new(paths, &{&1, value!(owner, &1)})}, monitor(watch, owner)}
 
       [path | _] ->
         {:reply, {:error, {:unregistered_parameter, path}}, owner}
@@ -122,21 +122,21 @@ defmodule BB.Parameter.Owner do
       else: {:unregistered_parameter, path}
   end
 
-  # Without a store there is nothing to wait for.
+  # A robot without a store replies at once.
   defp set(%{persistence: nil} = owner, _from, values) do
-    _ = change(owner, values, fn -> Values.put_values(owner.robot, values) end)
+    _ = change_values(owner, values, fn -> Values.put_values(owner.robot, values) end)
     Values.put_kept(owner.robot, values)
     {:reply, :ok, owner}
   end
 
   defp set(owner, from, values) do
     id = make_ref()
-    _ = change(owner, values, fn -> Values.put_unkept(owner.robot, id, values) end)
-    Persistence.keep(owner.persistence, from, id, values)
+    _ = change_values(owner, values, fn -> Values.put_unkept(owner.robot, id, values) end)
+    Persistence.save(owner.persistence, from, id, values)
     {:noreply, owner}
   end
 
-  defp change(owner, values, put) do
+  defp change_values(owner, values, put) do
     old = Map.new(values, fn {path, _value} -> {path, value!(owner, path)} end)
     put.()
     for {path, value} <- values, do: publish(owner, path, old[path], value, :local)
@@ -161,13 +161,13 @@ defmodule BB.Parameter.Owner do
 
     PubSub.publish(owner.robot, [:param | path], message)
   rescue
-    # The bus is being restarted, and nobody is subscribed to it.
+    # The pubsub is being restarted, and has no subscriber.
     ArgumentError -> :ok
   end
 
-  # New parameters, of the robot's declaration or registered
+  # New parameters, declared or registered
 
-  defp introduce(owner, definitions) do
+  defp add_parameters(owner, definitions) do
     started = for definition <- definitions, do: {definition, start_value(owner, definition)}
     values = for {definition, {value, _source}} <- started, do: {definition.path, value}
     Values.put_values(owner.robot, values)
@@ -184,7 +184,8 @@ defmodule BB.Parameter.Owner do
 
     if error do
       Logger.warning(
-        "#{inspect(owner.robot)}: the persisted value of parameter #{inspect(definition.path)} is dropped: #{Exception.message(error)}"
+        "#{inspect(owner.robot)}: the persisted value of parameter " <>
+          "#{inspect(definition.path)} is dropped: #{Exception.message(error)}"
       )
     end
 
@@ -199,9 +200,9 @@ defmodule BB.Parameter.Owner do
   end
 
   defp register(owner, path, definitions) do
-    there = Values.definitions(owner.robot)
+    definitions_before = Values.definitions(owner.robot)
     registrant = for definition <- definitions, uniq: true, do: definition.registrant
-    {own, others} = Enum.split_with(there, &(&1.registrant in registrant))
+    {own, others} = Enum.split_with(definitions_before, &(&1.registrant in registrant))
 
     case Enum.find(definitions, fn new -> Enum.any?(others, &collide?(new.path, &1.path)) end) do
       nil -> replace(owner, own, definitions)
@@ -214,7 +215,7 @@ defmodule BB.Parameter.Owner do
   defp replace(owner, old, new) do
     {kept, fresh} = Enum.split_with(new, &fits?(owner, &1))
     Values.put_definitions(owner.robot, kept)
-    introduce(owner, fresh)
+    add_parameters(owner, fresh)
 
     for %{path: path} <- old,
         path not in Enum.map(new, & &1.path),
@@ -236,6 +237,6 @@ defmodule BB.Parameter.Owner do
     value
   end
 
-  defp follow({ref, pid, _paths}, owner),
+  defp monitor({ref, pid, _paths}, owner),
     do: %{owner | watchers: Map.put(owner.watchers, Process.monitor(pid), ref)}
 end

@@ -1,12 +1,13 @@
 defmodule BB.Parameter.Persistence do
   @moduledoc """
-  Has a robot's store keep what is set, and answers those who set it. What waits is saved
-  together, by one call of the store.
+  Saves a robot's parameters in its store, and replies to the callers of `BB.Parameter.set/3`. One
+  call of the store saves all values that wait.
 
-  What the store does not take is tried again: with the next value, and after a while. Until then
-  the alarm `{BB.Parameter, robot, :not_kept}` is set. What has not been kept is in the robot's
-  table too, so that it outlives this process.
+  Values that the store does not save are tried again: with the next value, and by a timer. Until
+  then the alarm `{BB.Parameter, robot, :not_kept}` is set. The robot's table has the unsaved
+  values too, so that they outlive this process.
   """
+  @moduledoc no_example: "internal: BB.Parameter is its interface"
 
   use GenServer
   use BB.Process.Tolerant
@@ -16,15 +17,15 @@ defmodule BB.Parameter.Persistence do
   alias BB.Parameter.{Alarm, Reason, Values}
   alias BB.Parameter.Store.Session
 
-  # More are saved by the next call.
+  # The next call saves the rest.
   @most_requests 1_000
 
   @retry_ms 500
   @longest_retry_ms 5_000
-  # A store that does not return holds up for seconds those who set.
+  # A store that does not return delays callers for seconds.
   @longest_hang_retry_ms 30_000
 
-  # It may have to wait for a callback, and then for the store to be closed.
+  # Time for a callback to return, and then for the store to close.
   @shutdown_ms 20_000
 
   @enforce_keys [:robot, :module, :opts, :backlog]
@@ -41,12 +42,12 @@ defmodule BB.Parameter.Persistence do
     retry_ms: @retry_ms
   ]
 
-  @doc "Its place under the robot's runtime."
+  @doc "Returns the child specification for `BB.Parameter.Supervisor`."
   @spec child_spec(module()) :: Supervisor.child_spec()
   def child_spec(robot),
     do: %{id: __MODULE__, start: {__MODULE__, :start_link, [robot]}, shutdown: @shutdown_ms}
 
-  @doc "Opens the store that the robot declares; `:ignore` when it declares none."
+  @doc "Opens the store that the robot declares. Returns `:ignore` when it declares none."
   @spec start_link(module()) :: GenServer.on_start()
   def start_link(robot) do
     case robot.robot().settings[:parameter_store] do
@@ -59,78 +60,78 @@ defmodule BB.Parameter.Persistence do
   defp start_link(robot, module, opts),
     do: GenServer.start_link(__MODULE__, {robot, module, opts}, name: name(robot))
 
-  @doc "The process of a robot, `nil` when the robot has no store."
+  @doc "Returns the process of a robot, `nil` when the robot has no store."
   @spec whereis(module()) :: pid() | nil
   def whereis(robot), do: Process.whereis(name(robot))
 
   defp name(robot), do: Module.concat(robot, ParameterPersistence)
 
   @doc """
-  Has values kept that are unkept in the table, by their `id`. `from` gets `:ok` or `{:error,
-  {:not_kept, reason}}`.
+  Saves values that are unsaved in the table, by their `id`. `from` receives `:ok` or
+  `{:error, {:not_kept, reason}}`.
   """
-  @spec keep(pid(), GenServer.from(), Values.id(), Session.values()) :: :ok
-  def keep(persistence, from, id, values) do
+  @spec save(pid(), GenServer.from(), Values.id(), Session.values()) :: :ok
+  def save(persistence, from, id, values) do
     send(persistence, {:keep, from, id, values})
     :ok
   end
 
   @impl GenServer
   def init({robot, module, opts}) do
-    # The store is closed in terminate/2, and a store's process may die.
+    # terminate/2 closes the store, and the process of a store may die.
     Process.flag(:trap_exit, true)
     # A predecessor that was killed has not cleared them.
     Enum.each([:not_kept, :damaged], &Alarm.clear(alarm(robot, &1)))
     state = %__MODULE__{robot: robot, module: module, opts: opts, backlog: Values.unkept(robot)}
-    {:ok, state |> open() |> save_backlog() |> settle()}
+    {:ok, state |> open() |> save_backlog() |> update_alarm()}
   end
 
   @impl GenServer
   def handle_info({:keep, _from, _id, _values} = request, state),
-    do: {:noreply, serve([request | waiting(@most_requests - 1)], state)}
+    do: {:noreply, serve([request | take_waiting(@most_requests - 1)], state)}
 
   def handle_info(:retry, state) do
     state = %{state | timer: nil, hung?: false}
-    {:noreply, state |> open() |> save_backlog() |> settle()}
+    {:noreply, state |> open() |> save_backlog() |> update_alarm()}
   end
 
   def handle_info({:EXIT, worker, reason}, %{session: %{worker: worker}} = state),
-    do: {:noreply, state |> fail(:gone, "use", {:exit, reason}) |> settle()}
+    do: {:noreply, state |> fail(:gone, "use", {:exit, reason}) |> update_alarm()}
 
   @impl GenServer
   def terminate(_reason, state) do
-    # A store that is not open is not waited for.
-    _ = if state.session, do: close(serve(waiting(:infinity), state))
+    # Requests are not served when the store is not open.
+    _ = if state.session, do: close(serve(take_waiting(:infinity), state))
     Enum.each([:not_kept, :damaged], &Alarm.clear(alarm(state.robot, &1)))
   end
 
   # Requests
 
-  defp waiting(0), do: []
+  defp take_waiting(0), do: []
 
-  defp waiting(most) do
+  defp take_waiting(most) do
     receive do
-      {:keep, _from, _id, _values} = request -> [request | waiting(one_less(most))]
+      {:keep, _from, _id, _values} = request -> [request | take_waiting(decrement(most))]
     after
       0 -> []
     end
   end
 
-  defp one_less(:infinity), do: :infinity
-  defp one_less(most), do: most - 1
+  defp decrement(:infinity), do: :infinity
+  defp decrement(most), do: most - 1
 
   defp serve(requests, state) do
     backlog = Enum.reduce(requests, state.backlog, &add/2)
-    state = %{state | backlog: backlog} |> open_unless_hung() |> save_backlog() |> settle()
-    for {:keep, from, _id, values} <- requests, do: GenServer.reply(from, answer(state, values))
+    state = %{state | backlog: backlog} |> open_unless_hung() |> save_backlog() |> update_alarm()
+    for {:keep, from, _id, values} <- requests, do: GenServer.reply(from, reply(state, values))
     state
   end
 
-  # Of two values for a path the later counts, also for who set the earlier.
+  # The later of two values for a path counts, also for the caller that set the earlier one.
   defp add({:keep, _from, id, values}, backlog),
     do: Enum.into(values, backlog, fn {path, value} -> {path, {id, value}} end)
 
-  defp answer(state, values) do
+  defp reply(state, values) do
     if Enum.any?(Map.keys(values), &is_map_key(state.backlog, &1)),
       do: {:error, {:not_kept, state.failure}},
       else: :ok
@@ -145,7 +146,7 @@ defmodule BB.Parameter.Persistence do
     case Session.open(state.robot, state.module, state.opts) do
       {:ok, session, values} ->
         Values.put_kept(state.robot, values)
-        ask_for_damage(%{state | session: session})
+        check_damage(%{state | session: session})
 
       {kind, verb, reason} ->
         fail(state, kind, verb, reason)
@@ -154,21 +155,21 @@ defmodule BB.Parameter.Persistence do
 
   defp open(state), do: state
 
-  # Once: a store that dies of the question is good for values all the same.
-  defp ask_for_damage(%{asked?: true} = state), do: state
+  # Once: a store whose process dies in damage/1 can still save values.
+  defp check_damage(%{asked?: true} = state), do: state
 
-  defp ask_for_damage(state) do
+  defp check_damage(state) do
     state = %{state | asked?: true}
 
     case Session.damage(state.session) do
       {:ok, nil} -> state
-      {:ok, damage} -> tell_damage(state, damage)
+      {:ok, damage} -> report_damage(state, damage)
       {:error, _reason} -> state
       {:gone, _reason} -> open(%{state | session: nil})
     end
   end
 
-  defp tell_damage(state, damage) do
+  defp report_damage(state, damage) do
     Alarm.set(alarm(state.robot, :damaged), damage)
     state
   end
@@ -182,7 +183,7 @@ defmodule BB.Parameter.Persistence do
       else: Enum.reduce(state.backlog, state, &save_unit([&1], &2))
   end
 
-  # Where all cannot be stored, some may: one value may be too large for what room there is.
+  # When all values cannot be saved, some may: one value may be too large for the free space.
   defp save_as_one(state) do
     all = Map.to_list(state.backlog)
     state = save_unit(all, state)
@@ -195,13 +196,13 @@ defmodule BB.Parameter.Persistence do
   defp save_unit(_unit, %{session: nil} = state), do: state
 
   defp save_unit(unit, state) do
-    case save(state.session, for({path, {_id, value}} <- unit, do: {path, value})) do
-      {:ok, :ok} -> kept(state, unit)
+    case save_values(state.session, for({path, {_id, value}} <- unit, do: {path, value})) do
+      {:ok, :ok} -> mark_saved(state, unit)
       {kind, reason} -> fail(state, kind, "save #{paths(unit)} in", reason)
     end
   end
 
-  defp save(session, values) do
+  defp save_values(session, values) do
     if Session.atomic?(session) do
       Session.save_many(session, values)
     else
@@ -210,7 +211,7 @@ defmodule BB.Parameter.Persistence do
     end
   end
 
-  defp kept(state, unit) do
+  defp mark_saved(state, unit) do
     Values.put_kept(state.robot, for({path, {_id, value}} <- unit, do: {path, value}))
     Values.delete_unkept(state.robot, unit)
     %{state | backlog: Map.drop(state.backlog, for({path, _} <- unit, do: path))}
@@ -223,7 +224,7 @@ defmodule BB.Parameter.Persistence do
          do: warn(state, "close", reason)
   end
 
-  # How it goes
+  # Failures
 
   defp fail(state, kind, verb, reason) do
     unless reason == state.failure, do: warn(state, verb, reason)
@@ -231,18 +232,18 @@ defmodule BB.Parameter.Persistence do
     if kind == :gone, do: %{state | session: nil}, else: state
   end
 
-  defp settle(%{session: %{}, backlog: backlog} = state) when backlog == %{} do
-    if state.failure, do: Logger.info("#{title(state)} keeps values again")
+  defp update_alarm(%{session: %{}, backlog: backlog} = state) when backlog == %{} do
+    if state.failure, do: Logger.info("#{title(state)} saves values again")
     Alarm.clear(alarm(state.robot, :not_kept))
     _ = if state.timer, do: Process.cancel_timer(state.timer)
     %{state | failure: nil, timer: nil, retry_ms: @retry_ms}
   end
 
-  defp settle(state) do
+  defp update_alarm(state) do
     description = %{
       store: state.module,
       reason: state.failure,
-      description: Reason.words(state.failure)
+      description: Reason.format(state.failure)
     }
 
     Alarm.set(alarm(state.robot, :not_kept), description)
@@ -260,7 +261,7 @@ defmodule BB.Parameter.Persistence do
   defp warn(state, verb, reason) do
     Logger.warning(
       "#{inspect(state.robot)}: cannot #{verb} the parameter store #{inspect(state.module)}: " <>
-        Reason.words(reason)
+        Reason.format(reason)
     )
   end
 

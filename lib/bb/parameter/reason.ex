@@ -1,28 +1,35 @@
 defmodule BB.Parameter.Reason do
-  @moduledoc "Why parameters could not be kept, in words. Pure."
+  @moduledoc """
+  Formats the reasons for which a store did not save parameters. Pure. The log lines and the
+  alarms of `BB.Parameter` use it.
+
+      iex> BB.Parameter.Reason.format(:enospc)
+      "no space left on device (enospc)"
+  """
 
   @doc """
-  A sentence's part about what went wrong.
+  Formats a reason as part of a sentence.
 
-      iex> BB.Parameter.Reason.words(:enospc)
-      "no space left on device (enospc)"
-      iex> BB.Parameter.Reason.words({:bad_return_value, 17})
-      "expected what BB.Parameter.Store asks for, got: 17"
+      iex> BB.Parameter.Reason.format({:bad_return_value, 17})
+      "expected a return value of BB.Parameter.Store, got: 17"
   """
-  @spec words(term()) :: String.t()
-  def words({:timeout, timeout_ms}), do: "no answer within #{timeout_ms} ms"
+  @spec format(term()) :: String.t()
+  def format({:timeout, timeout_ms}), do: "no answer within #{timeout_ms} ms"
 
-  def words({:bad_return_value, value}),
-    do: "expected what BB.Parameter.Store asks for, got: #{inspect(value)}"
+  def format({:bad_return_value, value}),
+    do: "expected a return value of BB.Parameter.Store, got: #{inspect(value)}"
 
-  def words({:version, version}),
+  def format({:version, version}),
     do: "the file was written by a later release (format #{version}); update, or move it away"
 
-  def words({:thrown, value}), do: "it threw #{inspect(value)}"
-  def words({:exit, reason}), do: "it exited: #{Exception.format_exit(reason)}"
-  def words(error) when is_exception(error), do: Exception.message(error)
-  def words(reason) when is_atom(reason), do: posix(reason, to_string(:file.format_error(reason)))
-  def words(reason), do: inspect(reason)
+  def format({:thrown, value}), do: "the store threw #{inspect(value)}"
+  def format({:exit, reason}), do: "the store exited: #{Exception.format_exit(reason)}"
+  def format(error) when is_exception(error), do: Exception.message(error)
+
+  def format(reason) when is_atom(reason),
+    do: posix(reason, to_string(:file.format_error(reason)))
+
+  def format(reason), do: inspect(reason)
 
   defp posix(reason, "unknown POSIX error" <> _), do: inspect(reason)
   defp posix(reason, words), do: "#{words} (#{reason})"

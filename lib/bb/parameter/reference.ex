@@ -1,8 +1,10 @@
 defmodule BB.Parameter.Reference do
   @moduledoc """
-  A parameter in the place of a value: `rate: param([:imu, :rate])`. Pure.
+  A reference to a parameter, in the place of a value. Pure. Use it in a robot's declaration,
+  for a whole option of a component, or for a field of a transmission, a limit, an origin or an
+  axis:
 
-  It stands for a whole option of a component, or for a field of a transmission, a limit, an origin or an axis.
+      sensor :imu, {BB.Sensor.Mpu6050, bus: "i2c-1", rate: param([:imu, :rate])}
   """
 
   @enforce_keys [:path]
@@ -11,7 +13,7 @@ defmodule BB.Parameter.Reference do
   @type t :: %__MODULE__{path: BB.Parameter.path()}
 
   @doc """
-  Refers to the parameter at `path`.
+  Returns a reference to the parameter at `path`.
 
       iex> import BB.Parameter.Reference
       iex> param([:imu, :rate])
@@ -19,18 +21,19 @@ defmodule BB.Parameter.Reference do
   """
   @spec param(BB.Parameter.path()) :: t()
   def param([_ | _] = path) do
-    if Enum.all?(path, &is_atom/1), do: %__MODULE__{path: path}, else: refuse(path)
+    if Enum.all?(path, &is_atom/1), do: %__MODULE__{path: path}, else: raise_error(path)
   end
 
-  def param(other), do: refuse(other)
+  def param(other), do: raise_error(other)
 
-  defp refuse(other) do
+  defp raise_error(other) do
     raise ArgumentError,
-          "param takes the path of a parameter, such as param([:imu, :rate]), got: param(#{inspect(other)})"
+          "expected the path of a parameter, such as param([:imu, :rate]), " <>
+            "got: param(#{inspect(other)})"
   end
 
   @doc """
-  The paths to which the values of a keyword list or a map refer, each once; `nil` refers to none.
+  Returns the paths to which the values of a keyword list or a map refer, each once.
 
       iex> import BB.Parameter.Reference
       iex> BB.Parameter.Reference.paths(rate: param([:imu, :rate]), bus: "i2c-1")
@@ -43,11 +46,13 @@ defmodule BB.Parameter.Reference do
     do: for({_key, %__MODULE__{path: path}} <- fields, uniq: true, do: path)
 
   @doc """
-  A keyword list or a map with values in the place of references, looked up by `value`. A value that is itself a
-  reference is replaced too; anything else is returned as it is.
+  Replaces the references in a keyword list or a map by the results of `value`.
+
+  A reference itself is replaced too; any other term is returned as it is.
 
       iex> import BB.Parameter.Reference
-      iex> BB.Parameter.Reference.resolve([rate: param([:imu, :rate]), bus: "i2c-1"], fn [:imu, :rate] -> 100 end)
+      iex> options = [rate: param([:imu, :rate]), bus: "i2c-1"]
+      iex> BB.Parameter.Reference.resolve(options, fn [:imu, :rate] -> 100 end)
       [rate: 100, bus: "i2c-1"]
   """
   @spec resolve(term(), (BB.Parameter.path() -> term())) :: term()
@@ -59,7 +64,7 @@ defmodule BB.Parameter.Reference do
 
   def resolve(other, _value), do: other
 
-  @doc "The first reference that is deeper inside a value than it may stand, `nil` when there is none."
+  @doc "Returns the first reference inside a value that is no reference itself, or `nil`."
   @spec buried(term()) :: t() | nil
   def buried(%__MODULE__{}), do: nil
   def buried(value), do: find(value)

@@ -1,7 +1,10 @@
 defmodule BB.Parameter.Startup do
   @moduledoc """
-  The values with which a robot starts: default < persisted < `start_link(params: …)`. Pure.
+  Chooses the values with which a robot starts: the values of `start_link(params: …)` override
+  persisted values, which override defaults. Pure. `BB.Supervisor` and `BB.Parameter.Owner` use
+  it.
   """
+  @moduledoc no_example: "internal: BB.Parameter explains the origin of values"
 
   alias BB.Options.ValidationError
   alias BB.Parameter.{Changed, Definition}
@@ -9,7 +12,8 @@ defmodule BB.Parameter.Startup do
   @type values :: %{BB.Parameter.path() => term()}
 
   @doc """
-  The values of `params:`, a keyword list nested as the parameters are, by path; or the error of the first that is wrong.
+  Returns the values of `params:`, a keyword list nested as the parameters, by path; or the error
+  of the first wrong value.
   """
   @spec given([Definition.t()], keyword()) :: {:ok, values()} | {:error, ValidationError.t()}
   def given(definitions, params) do
@@ -19,11 +23,13 @@ defmodule BB.Parameter.Startup do
          do: {:error, %{error | keys_path: [:params | error.keys_path]}}
   end
 
-  @doc "The value of a definition and where it is from, and the error of its persisted value where that is bad."
+  @doc """
+  Returns the value of a definition, its origin, and the error of the persisted value or `nil`.
+  """
   @spec value(Definition.t(), persisted :: values(), given :: values()) ::
           {term(), Changed.source(), ValidationError.t() | nil}
   def value(%Definition{path: path} = definition, persisted, given) do
-    {value, source, error} = kept(definition, Map.fetch(persisted, path))
+    {value, source, error} = persisted(definition, Map.fetch(persisted, path))
 
     case given do
       %{^path => value} -> {value, :startup, error}
@@ -31,16 +37,16 @@ defmodule BB.Parameter.Startup do
     end
   end
 
-  defp kept(definition, :error), do: {definition.default, :init, nil}
+  defp persisted(definition, :error), do: {definition.default, :init, nil}
 
-  defp kept(definition, {:ok, value}) do
+  defp persisted(definition, {:ok, value}) do
     case safe_cast(definition, value) do
       {:ok, value} -> {value, :persisted, nil}
       {:error, error} -> {definition.default, :init, error}
     end
   end
 
-  # A store may hold anything, structs of another version for one.
+  # A store may return any term, such as a struct of another version.
   defp safe_cast(definition, value) do
     Definition.cast(definition, value)
   rescue
@@ -88,7 +94,8 @@ defmodule BB.Parameter.Startup do
       key: [key],
       keys_path: above,
       message:
-        "unknown options #{inspect([key])}, valid options are: #{inspect(Enum.sort(below(above, definitions)))}"
+        "unknown options #{inspect([key])}, " <>
+          "valid options are: #{inspect(Enum.sort(below(above, definitions)))}"
     }
   end
 

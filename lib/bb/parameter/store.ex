@@ -1,8 +1,8 @@
 defmodule BB.Parameter.Store do
   @moduledoc """
-  Where parameters are kept while the robot is off: a behaviour, and `settings parameter_store
-  {Module, opts}` in the robot. `BB.Parameter.Store.Log` is the one to take; write your own when
-  values belong somewhere else, such as on a server.
+  The behaviour of stores, which save parameters while the robot is off. Use
+  `BB.Parameter.Store.Log`; write your own store when values belong somewhere else, such as on a
+  server. A robot names its store with `settings parameter_store: {Module, opts}`.
 
       defmodule MyRobot.Store do
         @behaviour BB.Parameter.Store
@@ -20,31 +20,32 @@ defmodule BB.Parameter.Store do
         def close(store), do: shut(store)
       end
 
-  All callbacks of a robot's store run in one process of their own, one after the other.
-  `BB.Parameter.set/3` and `set_many/2` return when their values are saved. Values that wait at
-  the same time are saved together.
+  All callbacks of a robot's store run in one process, one after the other. `BB.Parameter.set/3`
+  and `set_many/2` return when their values are saved. Values that wait at the same time are saved
+  together.
 
-  What is saved is what `set/3` and `set_many/2` set, never defaults or the values of
-  `start_link(params: …)`. What `load/1` returns is checked as any other value; one that does
-  not fit its parameter (any more) is logged and dropped.
+  The values of `set/3` and `set_many/2` are saved, never defaults or the values of
+  `start_link(params: …)`. The values of `load/1` are checked as any other; a value that does not
+  fit its parameter is logged and dropped.
 
   ## When a store fails
 
-  A callback may return an error, raise, throw, exit, return something else, or not return: after
-  five seconds its process is killed. The robot runs, with the values that it has. What cannot be
-  saved is set all the same, `set/3` returns `{:error, {:not_kept, reason}}`, and the alarm
-  `{BB.Parameter, robot, :not_kept}` is set. The store is tried again with the next value and
-  every few seconds; when it works again it gets all that it missed, and the alarm is cleared.
+  A callback may return an error, raise, throw, exit, return a wrong value, or not return: its
+  process is killed after five seconds. The robot keeps running with its values. A value that
+  cannot be saved is set all the same, `set/3` returns `{:error, {:not_kept, reason}}`, and the
+  alarm `{BB.Parameter, robot, :not_kept}` is set. The store is tried again with the next value
+  and every few seconds. When it works again, it receives all missing values, and the alarm is
+  cleared.
 
-  A store that could not be opened or loaded is opened and loaded anew. It is not written before.
-  The values that it turns out to have are taken on at the robot's next start.
+  A store that could not be opened or loaded is opened and loaded again, and is not written
+  before. The robot uses its values at the next start.
   """
 
   @type state :: term()
 
   @typedoc """
-  What a store found damaged: the file, the name under which it is kept (`nil` when it could not
-  be renamed), and how many values are lost.
+  The damage that a store found: the file, its new name (`nil` when it could not be renamed), and
+  the number of lost values.
   """
   @type damage :: %{
           file: Path.t(),
@@ -55,22 +56,22 @@ defmodule BB.Parameter.Store do
   @doc "Opens the store."
   @callback init(robot :: module(), opts :: keyword()) :: {:ok, state()} | {:error, term()}
 
-  @doc "All that is stored, `{path, value}` each."
+  @doc "Returns all values in the store, each as `{path, value}`."
   @callback load(state()) :: {:ok, [{BB.Parameter.path(), term()}]} | {:error, term()}
 
-  @doc "Stores a value, for good: it is there after a power failure when this has returned `:ok`."
+  @doc "Saves a value. After `:ok` the value must survive a power failure."
   @callback save(state(), BB.Parameter.path(), value :: term()) :: :ok | {:error, term()}
 
   @doc """
-  Stores several values, all or none. A store without this callback gets each value by `c:save/3`,
-  and a `BB.Parameter.set_many/2` may then be stored in part.
+  Saves several values, all or none. A store without this callback receives each value by
+  `c:save/3`, and the values of one `BB.Parameter.set_many/2` may then be saved in part.
   """
   @callback save_many(state(), [{BB.Parameter.path(), value :: term()}]) ::
               :ok | {:error, term()}
 
   @doc """
-  What was found damaged when the store was opened, for the alarm `{BB.Parameter, robot,
-  :damaged}`.
+  Returns the damage that the store found when it was opened, or `nil`, for the alarm
+  `{BB.Parameter, robot, :damaged}`.
   """
   @callback damage(state()) :: nil | damage()
 
@@ -80,19 +81,19 @@ defmodule BB.Parameter.Store do
   @optional_callbacks save_many: 2, damage: 1
 
   @doc """
-  A damage in words.
+  Formats a damage, as a sentence about the file.
 
-      iex> BB.Parameter.Store.damage_words(%{file: "/data/params", kept_as: nil, lost: 2})
-      "cannot be read as a whole; 2 values are lost; it stays as it is"
+      iex> BB.Parameter.Store.format_damage(%{file: "/data/params", kept_as: nil, lost: 2})
+      "cannot be read as a whole; 2 values are lost; the file keeps its name"
   """
-  @spec damage_words(damage()) :: String.t()
-  def damage_words(damage), do: "cannot be read as a whole; #{lost(damage)}; #{kept(damage)}"
+  @spec format_damage(damage()) :: String.t()
+  def format_damage(damage), do: "cannot be read as a whole; #{lost(damage)}; #{kept(damage)}"
 
-  defp lost(%{lost: :unknown}), do: "how many values are lost cannot be known"
+  defp lost(%{lost: :unknown}), do: "the number of lost values is unknown"
   defp lost(%{lost: 0}), do: "no value is lost"
   defp lost(%{lost: 1}), do: "1 value is lost"
   defp lost(%{lost: count}), do: "#{count} values are lost"
 
-  defp kept(%{kept_as: nil}), do: "it stays as it is"
-  defp kept(%{kept_as: kept_as}), do: "it is now #{kept_as}, and a new one is begun"
+  defp kept(%{kept_as: nil}), do: "the file keeps its name"
+  defp kept(%{kept_as: kept_as}), do: "the file is renamed to #{kept_as}, and a new one begins"
 end

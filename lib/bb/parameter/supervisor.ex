@@ -1,8 +1,10 @@
 defmodule BB.Parameter.Supervisor do
   @moduledoc """
-  The robot's runtime in its tree: the table of its parameters, what has a store keep them, and
-  their owner. The last two are started again without losing a value.
+  Supervises the processes of a robot's parameters: the table of the values, the process that
+  saves them, and the process that sets them. The last two can be started again without the loss
+  of a value. `BB.Supervisor` starts it.
   """
+  @moduledoc no_example: "internal: BB.Parameter is its interface"
 
   use Supervisor
 
@@ -11,14 +13,15 @@ defmodule BB.Parameter.Supervisor do
   @max_restarts 100
 
   @doc """
-  The runtime's place under the robot's root. `given` are the values of `start_link(params: …)`.
+  Returns the child specification for the robot's root supervisor. `given` are the values of
+  `start_link(params: …)`.
   """
   @spec child_spec({module(), Startup.values()}) :: Supervisor.child_spec()
   def child_spec({robot, given}) do
     %{id: :runtime, start: {__MODULE__, :start_link, [{robot, given}]}, type: :supervisor}
   end
 
-  @doc "Starts the runtime."
+  @doc "Starts the supervisor."
   @spec start_link({module(), Startup.values()}) :: Supervisor.on_start()
   def start_link({robot, given}), do: Supervisor.start_link(__MODULE__, {robot, given})
 

@@ -1,20 +1,25 @@
 defmodule BB.Parameter.Type do
   @moduledoc """
-  What a parameter's value can be. Pure.
+  The types of parameters. Pure. Use them in the field `type` of `param`:
 
-    * `:float`, `:integer`, `:boolean`, `:string`, `:atom` - as in `BB.Options`; a float is no integer
-    * `{:unit, unit}` - a `BB.Unit` that converts to `unit`, and is kept in it
+      param :rate, type: {:unit, :hertz}, default: ~u(100 hertz), min: ~u(1 hertz)
+
+    * `:float`, `:integer`, `:boolean`, `:string`, `:atom` - as in `BB.Options`; a `:float`
+      accepts no integer
+    * `{:unit, unit}` - a `BB.Unit` that converts to `unit`; its value is stored in `unit`
     * `{:in, choices}` - a member of a list or range
     * `{:or, types}` - the first of the types that fits
-    * `{:list, type}` - a list of it
+    * `{:list, type}` - a list of values of the type
 
-  Numbers, units and lists of them can have bounds, `min:` and `max:`. Those of a unit are units.
+  Numbers, units and lists of them can have bounds, `min:` and `max:`. The bounds of a unit are
+  units.
   """
 
   alias BB.{Options, Unit}
 
   @plain [:float, :integer, :boolean, :string, :atom]
-  @known "#{Enum.map_join(@plain, ", ", &inspect/1)}, {:unit, unit}, {:in, choices}, {:or, types}, {:list, type}"
+  @compound "{:unit, unit}, {:in, choices}, {:or, types}, {:list, type}"
+  @known "#{Enum.map_join(@plain, ", ", &inspect/1)}, #{@compound}"
 
   @type t ::
           :float
@@ -30,7 +35,7 @@ defmodule BB.Parameter.Type do
   @type bound :: number() | Unit.t() | nil
 
   @doc """
-  Whether the term is a type: `:ok`, or `{:error, reason}`.
+  Checks that a term is a type: `:ok`, or `{:error, reason}`.
 
       iex> BB.Parameter.Type.check({:list, {:unit, :meter}})
       :ok
@@ -56,7 +61,7 @@ defmodule BB.Parameter.Type do
 
   def check(type), do: {:error, "#{inspect(type)} is no type; the types are #{@known}"}
 
-  @doc "Whether bounds fit a type and each other: `:ok`, or `{:error, reason}`."
+  @doc "Checks that bounds fit a type and each other: `:ok`, or `{:error, reason}`."
   @spec check_bounds(t(), bound(), bound()) :: :ok | {:error, String.t()}
   def check_bounds(_type, nil, nil), do: :ok
 
@@ -70,7 +75,8 @@ defmodule BB.Parameter.Type do
   end
 
   @doc """
-  A value as its type and bounds want it: `{:ok, value}`, or `{:error, sentence}` about the option `key`.
+  Casts a value to a type within bounds: `{:ok, value}`, or `{:error, message}` about the option
+  `key`.
 
       iex> import BB.Unit
       iex> BB.Parameter.Type.cast({:unit, :hertz}, ~u(1 hertz), nil, ~u(1 kilohertz), :rate)
@@ -81,7 +87,7 @@ defmodule BB.Parameter.Type do
   @spec cast(t(), bound(), bound(), term(), atom()) :: {:ok, term()} | {:error, String.t()}
   def cast(type, min, max, value, key) do
     with {:ok, [{^key, value}]} <- validate(type, value, key),
-         :ok <- within(type, min, max, value) do
+         :ok <- check_within(type, min, max, value) do
       {:ok, value}
     else
       {:error, %Options.ValidationError{message: message}} -> {:error, message}
@@ -140,12 +146,12 @@ defmodule BB.Parameter.Type do
       else: {:error, "min #{inspect(min)} is above max #{inspect(max)}; swap them"}
   end
 
-  defp within(_type, nil, nil, _value), do: :ok
+  defp check_within(_type, nil, nil, _value), do: :ok
 
-  defp within({:list, type}, min, max, values),
-    do: Enum.find_value(values, :ok, &with(:ok <- within(type, min, max, &1), do: nil))
+  defp check_within({:list, type}, min, max, values),
+    do: Enum.find_value(values, :ok, &with(:ok <- check_within(type, min, max, &1), do: nil))
 
-  defp within(_type, min, max, value) do
+  defp check_within(_type, min, max, value) do
     cond do
       min && compare(value, min) == :lt -> {:error, "expected at least #{got(min, value)}"}
       max && compare(value, max) == :gt -> {:error, "expected at most #{got(max, value)}"}

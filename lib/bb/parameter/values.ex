@@ -1,26 +1,29 @@
 defmodule BB.Parameter.Values do
   @moduledoc """
-  Where a robot's parameters are: an ETS table that anyone reads. `BB.Parameter.Owner` writes it,
-  and `BB.Parameter.Persistence` what of it the store has.
+  The parameters of a robot in an ETS table, which any process reads. `BB.Parameter.Owner`
+  writes the values, `BB.Parameter.Persistence` the saved values.
 
-  The process here owns the table and does nothing else, so that the values outlive a crash of the
-  writer.
+  This process owns the table and does nothing else, so that the values outlive a crash of the
+  writers.
   """
+  @moduledoc no_example: "internal: BB.Parameter is its interface"
 
   use GenServer
   use BB.Process.Tolerant
 
   alias BB.Parameter.Definition
 
-  @typedoc "What tells the values of one request from those of the next."
+  @typedoc """
+  The id of a request, which distinguishes its values from the values of later requests.
+  """
   @type id :: reference()
 
   @type watch :: {reference(), pid(), [BB.Parameter.path()]}
 
-  @doc "The name of a robot's table, and of the process that owns it."
+  @doc "Returns the name of a robot's table, which is also the name of its owner."
   @spec name(module()) :: module()
   def name(robot) do
-    # To make a name takes longer than to read a value.
+    # Making the name takes longer than reading a value.
     with nil <- :persistent_term.get({__MODULE__, robot}, nil), do: make_name(robot)
   end
 
@@ -36,8 +39,8 @@ defmodule BB.Parameter.Values do
   end
 
   @doc """
-  A parameter's value: `{:ok, value}` or `:error`. Raises `ArgumentError` when the robot is not
-  started.
+  Fetches a parameter's value: `{:ok, value}` or `:error`. Raises `ArgumentError` when the robot
+  is not started.
   """
   @spec fetch(module(), BB.Parameter.path()) :: {:ok, term()} | :error
   def fetch(robot, path) do
@@ -47,7 +50,7 @@ defmodule BB.Parameter.Values do
     end
   end
 
-  @doc "A parameter's definition: `{:ok, definition}` or `:error`."
+  @doc "Fetches a parameter's definition: `{:ok, definition}` or `:error`."
   @spec fetch_definition(module(), BB.Parameter.path()) :: {:ok, Definition.t()} | :error
   def fetch_definition(robot, path) do
     case lookup(robot, {:definition, path}) do
@@ -56,48 +59,48 @@ defmodule BB.Parameter.Values do
     end
   end
 
-  @doc "All definitions, in the order of their paths."
+  @doc "Returns all definitions, in the order of their paths."
   @spec definitions(module()) :: [Definition.t()]
   def definitions(robot),
     do: robot |> select({{:definition, :_}, :"$1"}) |> Enum.sort_by(& &1.path)
 
-  @doc "Who is to hear of changes of which parameters."
+  @doc "Returns all watches."
   @spec watches(module()) :: [watch()]
   def watches(robot), do: select(robot, {{:watch, :_}, :"$1"})
 
-  @doc "Sets values, all at the same moment."
+  @doc "Stores values, all at the same moment."
   @spec put_values(module(), Enumerable.t()) :: :ok
   def put_values(robot, values),
     do: insert(robot, for({path, value} <- values, do: {{:value, path}, value}))
 
-  @doc "Sets values that the store is to keep, all at the same moment."
+  @doc "Stores values that the store has not saved yet, all at the same moment."
   @spec put_unkept(module(), id(), %{BB.Parameter.path() => term()}) :: :ok
   def put_unkept(robot, id, values) do
     unkept = for {path, value} <- values, do: {{:unkept, path}, {path, {id, value}}}
     insert(robot, unkept ++ for({path, value} <- values, do: {{:value, path}, value}))
   end
 
-  @doc "The values that the store has not kept."
+  @doc "Returns the values that the store has not saved yet."
   @spec unkept(module()) :: %{BB.Parameter.path() => {id(), term()}}
   def unkept(robot), do: robot |> select({{:unkept, :_}, :"$1"}) |> Map.new()
 
-  @doc "Removes values that the store has kept, but not newer ones."
+  @doc "Marks values as saved, unless newer values have replaced them."
   @spec delete_unkept(module(), [{BB.Parameter.path(), {id(), term()}}]) :: :ok
   def delete_unkept(robot, kept) do
-    if_there(:ok, fn ->
+    unless_gone(:ok, fn ->
       for {path, _} = row <- kept, do: :ets.delete_object(name(robot), {{:unkept, path}, row})
       :ok
     end)
   end
 
-  @doc "Notes what the store has."
+  @doc "Stores the values that the store has saved."
   @spec put_kept(module(), Enumerable.t()) :: :ok
   def put_kept(robot, values) do
     rows = for {path, value} <- values, do: {{:kept, path}, value}
-    if_there(:ok, fn -> insert(robot, rows) end)
+    unless_gone(:ok, fn -> insert(robot, rows) end)
   end
 
-  @doc "The value of a path that the store has, or is to have: `{:ok, value}` or `:error`."
+  @doc "Fetches the value of a path that the store has or will have: `{:ok, value}` or `:error`."
   @spec fetch_stored(module(), BB.Parameter.path()) :: {:ok, term()} | :error
   def fetch_stored(robot, path) do
     case {lookup(robot, {:unkept, path}), lookup(robot, {:kept, path})} do
@@ -107,15 +110,15 @@ defmodule BB.Parameter.Values do
     end
   end
 
-  @doc "Notes that an alarm is set. Returns whether it was not."
+  @doc "Marks an alarm as set. Returns `true` if it was not set."
   @spec put_alarm(module(), atom()) :: boolean()
   def put_alarm(robot, alarm),
-    do: if_there(true, fn -> :ets.insert_new(name(robot), {{:alarm, alarm}, true}) end)
+    do: unless_gone(true, fn -> :ets.insert_new(name(robot), {{:alarm, alarm}, true}) end)
 
-  @doc "Notes that an alarm is not set any more. Returns whether it was."
+  @doc "Marks an alarm as cleared. Returns `true` if it was set."
   @spec delete_alarm(module(), atom()) :: boolean()
   def delete_alarm(robot, alarm),
-    do: if_there(true, fn -> :ets.take(name(robot), {:alarm, alarm}) != [] end)
+    do: unless_gone(true, fn -> :ets.take(name(robot), {:alarm, alarm}) != [] end)
 
   @doc "Adds or replaces definitions."
   @spec put_definitions(module(), [Definition.t()]) :: :ok
@@ -137,14 +140,14 @@ defmodule BB.Parameter.Values do
   @doc "Removes a watch."
   @spec delete_watch(module(), reference()) :: :ok
   def delete_watch(robot, ref) do
-    if_there(:ok, fn ->
+    unless_gone(:ok, fn ->
       :ets.delete(name(robot), {:watch, ref})
       :ok
     end)
   end
 
-  # The table may be gone, and what was to be done with it.
-  defp if_there(otherwise, fun) do
+  # When the table is gone, its row is gone too.
+  defp unless_gone(otherwise, fun) do
     fun.()
   rescue
     ArgumentError -> otherwise
@@ -171,6 +174,7 @@ defmodule BB.Parameter.Values do
   @spec not_started!(term()) :: no_return()
   def not_started!(robot) do
     raise ArgumentError,
-          "the robot #{inspect(robot)} is not started: start it under a supervisor or with #{inspect(robot)}.start_link() first"
+          "the robot #{inspect(robot)} is not started; start it under a supervisor or with " <>
+            "#{inspect(robot)}.start_link() first"
   end
 end

@@ -65,7 +65,7 @@ defmodule BB.Dsl.ParametersTest do
            "default: 1 meter cannot be converted to hertz: the one is a length, the other is a frequency"},
           {"a unit as the bound of a number", "type: :float, max: ~u(1 meter)",
            "max: expected a number for type :float, got: ~u(1 meter)"},
-          {"no type", "default: 1", "it has no type; add `type:`, such as `type: :float`"},
+          {"no type", "default: 1", "the type is missing; add `type:`, such as `type: :float`"},
           {"an unknown type", "type: :flaot",
            ":flaot is no type; the types are :float, :integer, :boolean, :string, :atom, {:unit, unit}, {:in, choices}, {:or, types}, {:list, type}"},
           {"an unknown unit", "type: {:unit, :metre}",

@@ -117,7 +117,7 @@ defmodule BB.Parameter.PersistenceTest do
     assert {Parameter.get(robot, [:p1]), Parameter.get(robot, [:p3])} == {{:ok, 1}, {:ok, 3}}
     assert_received {:bb, [:param, :p1], %{payload: %Changed{old_value: 0, new_value: 1}}}
     assert [%{store: ^store, reason: _, description: words}] = alarm(robot, :not_kept)
-    assert words == BB.Parameter.Reason.words(reason)
+    assert words == BB.Parameter.Reason.format(reason)
 
     FlakyStore.reset(robot, callback)
     assert eventually(fn -> alarm(robot, :not_kept) == [] end, 60_000)
@@ -178,7 +178,7 @@ defmodule BB.Parameter.PersistenceTest do
       "cannot save [:p1] in the parameter store #{inspect(ManyStore)}: no space left on device"
 
     assert length(String.split(log, said)) == 2
-    assert log =~ "the parameter store #{inspect(ManyStore)} keeps values again"
+    assert log =~ "the parameter store #{inspect(ManyStore)} saves values again"
   end
 
   test "what a store finds damaged sets an alarm, until the robot is stopped" do

@@ -16,20 +16,20 @@ defmodule BB.Parameter.ReasonTest do
           eio: "I/O error",
           efbig: "file too large"
         ],
-        do: assert(Reason.words(reason) == "#{words} (#{reason})")
+        do: assert(Reason.format(reason) == "#{words} (#{reason})")
   end
 
   test "what a store did has words" do
     for {reason, words} <- [
           {{:timeout, 5_000}, "no answer within 5000 ms"},
           {%RuntimeError{message: "broken"}, "broken"},
-          {{:thrown, 1}, "it threw 1"},
+          {{:thrown, 1}, "the store threw 1"},
           {{:exit, :broken}, "it exited: :broken"},
           {{:version, 7},
            "the file was written by a later release (format 7); update, or move it away"},
           {:closed_today, ":closed_today"},
           {{:odd, 1}, "{:odd, 1}"}
         ],
-        do: assert(Reason.words(reason) == words)
+        do: assert(Reason.format(reason) == words)
   end
 end

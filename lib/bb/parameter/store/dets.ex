@@ -1,28 +1,28 @@
 defmodule BB.Parameter.Store.Dets do
   @moduledoc """
-  Keeps parameters in a file by OTP's `:dets`, for robots that have such a file.
-  `BB.Parameter.Store.Log` keeps more promises, and takes the file over when it gets the same
+  Saves parameters in a file of OTP's `:dets`. Use it only for a robot that already has such a
+  file: `BB.Parameter.Store.Log` is more reliable, and imports the file when it has the same
   `path:`.
 
       settings do
         parameter_store {BB.Parameter.Store.Dets, path: "/data/params"}
       end
 
-  Values are on the disk when `BB.Parameter.set/3` or `set_many/2` returns. That takes two syncs. A
-  file that was not closed, because the
-  power failed, is repaired when it is opened. One that is beyond repair, or from which values are
-  missing after it, is kept as `path.corrupt` (`path.corrupt.2` to `.9` beside earlier ones), with a
-  warning and the alarm `{BB.Parameter, robot, :damaged}`; it never keeps the robot from starting.
-  Folders above `path` are made when they are missing.
+  Values are on the disk when `BB.Parameter.set/3` or `set_many/2` returns, after two syncs. A
+  file that was not closed, because the power failed, is repaired when it is opened. A file that
+  cannot be repaired, or that lacks values after the repair, is kept as `path.corrupt`
+  (`path.corrupt.2` to `.9` beside earlier ones), with a warning and the alarm `{BB.Parameter,
+  robot, :damaged}`. It never prevents the start of the robot. Missing folders above `path` are
+  made.
 
-  DETS has no checksums, so these do not hold for it:
+  DETS has no checksums, which limits its reliability:
 
-    * After a kill in the midst of a change, DETS's repair may bring an older row back: part of a
-      `set_many/2` may be there, without the rest. It is rare.
-    * A wrong byte in a value may go unnoticed, and so may a value that is missing from a file
+    * After a kill in the middle of a change, the repair of DETS may restore an older row: a
+      part of a `set_many/2` may be saved without the rest. This is rare.
+    * A wrong byte in a value may stay unnoticed, and so may a value that is missing from a file
       that was not closed.
-    * A power failure while a value is written may cost that value and the one before it.
-    * There is no generation before: what is lost is lost.
+    * A power failure while a value is written may lose that value and the value before it.
+    * No previous generation exists that could replace lost values.
   """
 
   @behaviour BB.Parameter.Store
@@ -32,12 +32,13 @@ defmodule BB.Parameter.Store.Dets do
   alias BB.Parameter.Store
   alias BB.Parameter.Store.Disk
 
-  # As OTP writes the head of a file: 4 bytes each, the second says what it is, the ninth has the
-  # number of rows.
+  # The head of a DETS file has fields of 4 bytes: the second identifies the file, the ninth is
+  # the number of rows.
   @cookie 0x00ABCDEF
   @copy ".import"
 
-  # The row of the latest change. A kill may have left some of its values as they were before.
+  # The key of the row with the latest change. A kill may have left older values in the other
+  # rows.
   @latest :latest
 
   @doc "Opens the file at `path:`, or makes it with the folders above it."
@@ -49,17 +50,17 @@ defmodule BB.Parameter.Store.Dets do
          do: open(robot, file)
   end
 
-  @doc "The values, in the rows of this library and of Beam Bots."
+  @doc "Returns the values, from the rows of this library and of Beam Bots."
   @impl BB.Parameter.Store
   def load(%{table: table}) do
     with {:ok, rows} <- rows(table), do: {:ok, pairs(rows)}
   end
 
-  @doc "Stores a value."
+  @doc "Saves a value."
   @impl BB.Parameter.Store
   def save(store, path, value), do: save_many(store, [{path, value}])
 
-  @doc "Stores values, all or none: first as one row, then each in its own."
+  @doc "Saves values, all or none: first in one row, then each in a row of its own."
   @impl BB.Parameter.Store
   def save_many(%{table: table, file: file}, values) do
     with :ok <- reopen(table, file, :dets.info(table)),
@@ -67,7 +68,7 @@ defmodule BB.Parameter.Store.Dets do
       :ok
     else
       {:error, reason} ->
-        # After an error of the file a table takes nothing any more, until it is opened anew.
+        # After a file error, DETS refuses all writes until the table is opened again.
         _ = :dets.close(table)
         {:error, plain(reason)}
     end
@@ -85,7 +86,7 @@ defmodule BB.Parameter.Store.Dets do
          do: :dets.sync(table)
   end
 
-  @doc "What was found damaged when the file was opened, or `nil`."
+  @doc "Returns the damage that was found when the file was opened, or `nil`."
   @impl BB.Parameter.Store
   def damage(store), do: store.damage
 
@@ -93,13 +94,13 @@ defmodule BB.Parameter.Store.Dets do
   @impl BB.Parameter.Store
   def close(%{table: table}), do: :dets.close(table)
 
-  @doc "Whether there is a file of DETS at a path."
+  @doc "Returns whether the file at a path is a DETS file."
   @spec file?(Path.t()) :: boolean()
   def file?(path), do: :dets.is_dets_file(to_charlist(path)) == true
 
   @doc """
-  The values in a file, which is left as it is, and how many are missing; for a store that takes
-  it over.
+  Returns the values in a file and the number of missing values, without changing the file. For a
+  store that imports it.
   """
   @spec read(Path.t()) ::
           {:ok, [{BB.Parameter.path(), term()}], non_neg_integer() | :unknown} | {:error, term()}
@@ -114,14 +115,13 @@ defmodule BB.Parameter.Store.Dets do
       {:error, reason} -> {:error, plain(reason)}
     end
   catch
-    # OTP's own code, on bytes that may be anything.
+    # OTP's code may fail on arbitrary bytes.
     kind, reason -> {:error, {kind, reason}}
   after
     remove_copy(path)
   end
 
-  # To open a damaged file changes it, so what may have to be kept is a copy. On a full disk there
-  # is none.
+  # Opening a damaged file changes it, so a copy is made first, unless the disk is full.
   defp open(robot, file) do
     copy =
       if File.regular?(file) and match?({:ok, _}, File.copy(file, file <> @copy)),
@@ -140,7 +140,7 @@ defmodule BB.Parameter.Store.Dets do
         {:ok, %{table: table, file: file, damage: check(robot, file, copy, counted, rows)}}
 
       {:error, reason} ->
-        begin_anew(robot, file, copy, plain(reason))
+        replace_damaged(robot, file, copy, plain(reason))
     end
   end
 
@@ -149,11 +149,11 @@ defmodule BB.Parameter.Store.Dets do
     if lost != 0, do: damage(robot, file, copy, lost)
   end
 
-  # What the file system says is an atom, such as :eacces: nothing is wrong with the file's
-  # content then.
-  defp begin_anew(_robot, _file, _copy, reason) when is_atom(reason), do: {:error, reason}
+  # A reason of the file system is an atom, such as :eacces: the content of the file is not
+  # damaged.
+  defp replace_damaged(_robot, _file, _copy, reason) when is_atom(reason), do: {:error, reason}
 
-  defp begin_anew(robot, file, copy, reason) do
+  defp replace_damaged(robot, file, copy, reason) do
     if File.regular?(file),
       do: replace(robot, file, copy || file),
       else: {:error, reason}
@@ -172,7 +172,7 @@ defmodule BB.Parameter.Store.Dets do
 
   defp remove_copy(file), do: File.rm(file <> @copy)
 
-  # A file can be opened and yet have garbage in it, which a reader meets.
+  # A file that can be opened may have garbage in it, which reading all rows finds.
   defp open_table(name, file) do
     with {:ok, table} <- :dets.open_file(name, file: to_charlist(file), type: :set) do
       case rows(table) do
@@ -193,7 +193,7 @@ defmodule BB.Parameter.Store.Dets do
     end
   end
 
-  # The rows of Beam Bots, then ours, then the latest change: the later go before the earlier.
+  # The rows of Beam Bots, then ours, then the latest change: later rows override earlier ones.
   defp pairs(rows) do
     theirs = for {{:param, [_ | _] = path}, value} <- rows, do: {path, value}
     ours = for {[_ | _] = path, value} <- rows, do: {path, value}
@@ -211,7 +211,7 @@ defmodule BB.Parameter.Store.Dets do
          else: (_ -> 0)
   end
 
-  # The row of the latest change is no value. Whether it was there, only itself could say.
+  # The row of the latest change is no value, and may itself be among the missing rows.
   defp missing(counted, rows) do
     missing = max(counted - length(rows), 0)
     if missing > 0 and not List.keymember?(rows, @latest, 0), do: :unknown, else: missing
@@ -219,7 +219,11 @@ defmodule BB.Parameter.Store.Dets do
 
   defp damage(robot, file, copy, lost) do
     damage = %{file: file, kept_as: kept_as(file, copy), lost: lost}
-    Logger.warning("#{inspect(robot)}: the parameter store #{file} #{Store.damage_words(damage)}")
+
+    Logger.warning(
+      "#{inspect(robot)}: the parameter store #{file} #{Store.format_damage(damage)}"
+    )
+
     damage
   end
 

@@ -1,11 +1,13 @@
 defmodule BB.Parameter.Store.Disk do
   @moduledoc """
-  How a store's file is changed so that a power failure at any instant leaves the old one or the
-  new one.
+  Changes the file of a store so that a power failure at any instant leaves the old file or the
+  new one. `BB.Parameter.Store.Log` and `BB.Parameter.Store.Dets` use it.
 
-  A new file is written beside the old one as `path.new`, brought to the disk, and takes the name
-  in one step; the folder, which has the names, is brought to the disk after it. What is renamed
-  or made is not there for good before that.
+  A new file is written beside the old one as `path.new`, synced, and renamed in one step. Then
+  the folder is synced: a file that is made or renamed survives a power failure only after that.
+
+      :ok = BB.Parameter.Store.Disk.write_new("/data/params", bytes)
+      :ok = BB.Parameter.Store.Disk.replace("/data/params")
   """
 
   @type reason :: :file.posix() | :badarg | :terminated
@@ -13,7 +15,7 @@ defmodule BB.Parameter.Store.Disk do
   @links 8
   @numbers 2..9
 
-  @doc "The file for which a path stands: absolute, and where a symbolic link leads."
+  @doc "Resolves a path: makes it absolute and follows symbolic links."
   @spec resolve(Path.t()) :: Path.t()
   def resolve(path), do: path |> Path.expand() |> follow(@links)
 
@@ -26,7 +28,7 @@ defmodule BB.Parameter.Store.Disk do
     end
   end
 
-  @doc "Makes a folder and those above it, for good."
+  @doc "Makes a folder and the folders above it, and syncs them."
   @spec make_folder(Path.t()) :: :ok | {:error, reason()}
   def make_folder(folder) do
     case File.stat(folder) do
@@ -45,7 +47,7 @@ defmodule BB.Parameter.Store.Disk do
          do: sync_folder(above)
   end
 
-  @doc "A file's bytes, `{:ok, nil}` when there is none. A folder or a device is an error."
+  @doc "Reads a file: `{:ok, nil}` when it does not exist. A folder or a device is an error."
   @spec read(Path.t(), pos_integer()) :: {:ok, binary() | nil} | {:error, reason()}
   def read(path, largest) do
     case File.stat(path) do
@@ -58,17 +60,17 @@ defmodule BB.Parameter.Store.Disk do
     end
   end
 
-  @doc "Writes `path.new`, for good. It is gone again when that fails."
+  @doc "Writes and syncs `path.new`. Removes it when that fails."
   @spec write_new(Path.t(), iodata()) :: :ok | {:error, reason()}
   def write_new(path, bytes) do
     with {:error, reason} <- write(new(path), [:write, :exclusive], &write_all(&1, bytes)) do
       _ = unless reason == :eexist, do: File.rm(new(path))
-      if reason == :eexist, do: write_anew(path, bytes), else: {:error, reason}
+      if reason == :eexist, do: rewrite_new(path, bytes), else: {:error, reason}
     end
   end
 
-  # One that a kill left behind. A link there is not followed.
-  defp write_anew(path, bytes) do
+  # A kill has left `path.new` behind. A link of that name is not followed.
+  defp rewrite_new(path, bytes) do
     with :ok <- File.rm(new(path)),
          do: write(new(path), [:write, :exclusive], &write_all(&1, bytes))
   end
@@ -77,15 +79,15 @@ defmodule BB.Parameter.Store.Disk do
     with :ok <- :file.write(file, bytes), do: :file.sync(file)
   end
 
-  @doc "Gives `path.new` the name `path`, for good."
+  @doc "Renames `path.new` to `path`, and syncs the folder."
   @spec replace(Path.t()) :: :ok | {:error, reason()}
   def replace(path) do
     with :ok <- File.rename(new(path), path), do: sync_folder(Path.dirname(path))
   end
 
   @doc """
-  Writes bytes at a place in a file where other bytes are expected, for good. `:changed` when they
-  are not there, or the file is not.
+  Overwrites the bytes `expected` at a place in a file, and syncs it. Returns `:changed` when the
+  file has other bytes at that place, or does not exist.
   """
   @spec overwrite(Path.t(), non_neg_integer(), binary(), iodata()) ::
           :ok | :changed | {:error, reason()}
@@ -98,7 +100,7 @@ defmodule BB.Parameter.Store.Disk do
       end
     end
 
-    # To open a file for writing makes it.
+    # Opening a missing file for writing would make it.
     if File.exists?(path), do: write(path, [:read, :write], overwrite), else: :changed
   end
 
@@ -114,7 +116,7 @@ defmodule BB.Parameter.Store.Disk do
     end
   end
 
-  @doc "Gives a file another name too, in the place of what has it."
+  @doc "Adds another name to a file, and replaces the file with that name."
   @spec keep_as(Path.t(), Path.t()) :: {:ok, Path.t()} | {:error, reason()}
   def keep_as(file, name) do
     beside = new(name)
@@ -122,15 +124,15 @@ defmodule BB.Parameter.Store.Disk do
 
     with :ok <- link(file, beside),
          :ok <- File.rename(beside, name) do
-      # It stays when the two were one file already.
+      # The rename does nothing when both names are the same file already.
       _ = File.rm(beside)
       {:ok, name}
     end
   end
 
   @doc """
-  Gives a file another name too, that nobody has: `name`, or `name.2` to `name.9` beside earlier
-  ones. When all are taken the last gives way.
+  Adds a free name to a file: `name`, or `name.2` to `name.9` beside earlier files. Replaces the
+  last when all names are taken.
   """
   @spec set_aside(Path.t(), Path.t()) :: {:ok, Path.t()} | {:error, reason()}
   def set_aside(file, name) do
@@ -141,7 +143,7 @@ defmodule BB.Parameter.Store.Disk do
 
   defp exists?(path), do: match?({:ok, _}, File.lstat(path))
 
-  # The same file by two names, as a start that was broken off leaves it.
+  # One file with two names, which an interrupted start leaves behind.
   defp same?(path, other) do
     with {:ok, %{inode: inode, major_device: device}} <- File.lstat(path),
          {:ok, %{inode: ^inode, major_device: ^device}} when inode != 0 <- File.lstat(other) do
@@ -151,7 +153,7 @@ defmodule BB.Parameter.Store.Disk do
     end
   end
 
-  # Not every file system has two names for a file.
+  # Some file systems have no hard links.
   defp link(file, beside) do
     case :file.make_link(file, beside) do
       :ok -> :ok
@@ -160,7 +162,7 @@ defmodule BB.Parameter.Store.Disk do
     end
   end
 
-  # Not every file system can bring a folder to the disk by itself.
+  # Some file systems cannot sync a folder.
   defp sync_folder(folder) do
     with {:ok, file} <- :file.open(folder, [:raw, :read, :directory]) do
       synced = :file.sync(file)

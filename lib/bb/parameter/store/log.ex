@@ -1,42 +1,42 @@
 defmodule BB.Parameter.Store.Log do
   @moduledoc """
-  Keeps parameters in a small file that survives kills, power failures and damage; the store for a
-  robot that needs no other:
+  Saves parameters in a small file that survives kills, power failures and damage. Use it unless a
+  robot needs another store:
 
       settings do
         parameter_store {BB.Parameter.Store.Log, path: "/data/params"}
       end
 
-  A change is appended as one record with checksums and is on the disk when `BB.Parameter.set/3`
-  or `set_many/2` returns, by one sync whatever the number of values. After a kill or a power
-  failure at any instant it is there as a whole, or not at all.
+  A change is appended as one record with checksums. It is on the disk when `BB.Parameter.set/3`
+  or `set_many/2` returns, after one sync for any number of values. After a kill or a power
+  failure at any instant the whole change is saved, or nothing of it.
 
-  | beside `path` | what it is |
+  | file beside `path` | content |
   |---|---|
-  | `path.previous` | the generation before: the file that the present one took over from |
-  | `path.corrupt`, `path.corrupt.2` to `.9` | damaged files, as they were found |
-  | `path.dets` | the file of `BB.Parameter.Store.Dets` that was taken over |
+  | `path.previous` | the previous generation: the file that the present file has replaced |
+  | `path.corrupt`, `path.corrupt.2` to `.9` | damaged files, unchanged |
+  | `path.dets` | the imported file of `BB.Parameter.Store.Dets` |
   | `path.new` | the next generation, while it is written |
 
-  A full file is replaced by a new one with the values alone, and so is that of an earlier start,
-  when the first value is set.
+  A new file with the values alone replaces a full file. It also replaces the file of an earlier
+  start, when the first value is set.
 
   ## Damage
 
-  A file that was cut, or in which a byte is wrong, is known by its checksums. It is kept as
-  `path.corrupt`. Every value that can be read is used, those of the generation before take the
-  place of the others, and the log and the alarm `{BB.Parameter, robot, :damaged}` say how many
-  values are lost, or that nobody can know. A missing file is damage too when there is a
-  generation before: to forget all parameters remove both.
+  Checksums detect a file that was cut or has a wrong byte. Such a file is kept as `path.corrupt`.
+  Every value that can be read is used, and the values of the previous generation replace the
+  others. The log and the alarm `{BB.Parameter, robot, :damaged}` have the number of lost
+  values, or say that it is unknown. A missing file is damage too when a previous generation
+  exists: remove both to reset all parameters.
 
   ## From DETS
 
-  A file of `BB.Parameter.Store.Dets`, or of Beam Bots, at `path` is read and replaced. It stays
-  as `path.dets`.
+  A file of `BB.Parameter.Store.Dets`, or of Beam Bots, at `path` is imported and replaced. The
+  old file stays as `path.dets`.
 
   ## Limits
 
-  The file has at most 16 MiB. All values are in memory besides. Two robots cannot share a file.
+  The file has at most 16 MiB, and all values are in memory too. Two robots cannot share a file.
   """
 
   @behaviour BB.Parameter.Store
@@ -49,16 +49,16 @@ defmodule BB.Parameter.Store.Log do
 
   @largest 16 * 1024 * 1024
   @previous ".previous"
-  # Of values with atoms that the VM does not know. Atoms are never given back.
+  # The bytes of values with new atoms. The VM never frees atoms.
   @new_bytes 64 * 1024
 
-  # `there` is what has the name `path`, and so what becomes of it when a new file takes the name.
-  # The file may be appended to when `appendable?`.
-  @enforce_keys [:robot, :path, :there, :entries]
+  # `present` is the kind of the file at `path`, which decides its new name when a new file
+  # replaces it. Changes may be appended to the file when `appendable?`.
+  @enforce_keys [:robot, :path, :present, :entries]
   defstruct [
     :robot,
     :path,
-    :there,
+    :present,
     :entries,
     :damage,
     number: 0,
@@ -67,11 +67,11 @@ defmodule BB.Parameter.Store.Log do
     appendable?: false
   ]
 
-  @typedoc "The state of a store, which is in a table."
+  @typedoc "The state of a store, which an ETS table holds."
   @type t :: %__MODULE__{
           robot: module(),
           path: Path.t(),
-          there: :nothing | :whole | :damaged | :dets,
+          present: :nothing | :whole | :damaged | :dets,
           entries: %{binary() => binary()},
           damage: Store.damage() | nil,
           number: non_neg_integer(),
@@ -87,18 +87,20 @@ defmodule BB.Parameter.Store.Log do
          path = Disk.resolve(opts[:path]),
          :ok <- Disk.make_folder(Path.dirname(path)),
          {:ok, log} <- open(robot, path) do
-      # A store's callbacks return no state, so it is in a table, which ends with their process.
+      # The callbacks of a store return no state, so a table of their process has it.
       table = :ets.new(__MODULE__, [:public])
       put(table, log)
       {:ok, table}
     end
   end
 
-  @doc "The values. One that this robot cannot read is left out and stays in the file."
+  @doc """
+  Returns the values. A value that this robot cannot read is left out, and stays in the file.
+  """
   @impl BB.Parameter.Store
   def load(table) do
     log = fetch(table)
-    # The structs of values name these atoms.
+    # Loads the atoms of the structs in values.
     _ = Code.ensure_loaded(BB.Unit)
     {decoded, _budget} = Enum.map_reduce(log.entries, @new_bytes, &decode/2)
     unreadable = Enum.count(decoded, &(&1 == :error))
@@ -106,7 +108,7 @@ defmodule BB.Parameter.Store.Log do
     {:ok, for({:ok, pair} <- decoded, do: pair)}
   end
 
-  # The value of an `:atom` parameter may have been named in an earlier life of the robot only.
+  # The VM may not know the atom in the value of an `:atom` parameter.
   defp decode(entry, budget) do
     size = Entry.size(entry)
 
@@ -117,11 +119,11 @@ defmodule BB.Parameter.Store.Log do
     end
   end
 
-  @doc "Stores a value."
+  @doc "Saves a value."
   @impl BB.Parameter.Store
   def save(table, path, value), do: save_many(table, [{path, value}])
 
-  @doc "Stores values, all or none, by one sync."
+  @doc "Saves values, all or none, with one sync."
   @impl BB.Parameter.Store
   def save_many(table, values) do
     log = fetch(table)
@@ -131,17 +133,17 @@ defmodule BB.Parameter.Store.Log do
         put(table, log)
 
       {:error, reason} ->
-        # What the file has behind its last whole change is not known any more.
+        # The bytes behind the last whole change are unknown now.
         put(table, %{log | appendable?: false})
         {:error, reason}
     end
   end
 
-  @doc "What was found damaged when the file was opened, or `nil`."
+  @doc "Returns the damage that was found when the file was opened, or `nil`."
   @impl BB.Parameter.Store
   def damage(table), do: fetch(table).damage
 
-  @doc "Closes the store. Nothing waits to be written."
+  @doc "Closes the store. No value waits to be written."
   @impl BB.Parameter.Store
   def close(table) do
     :ets.delete(table)
@@ -158,10 +160,10 @@ defmodule BB.Parameter.Store.Log do
   # Opening
 
   defp open(robot, path) do
-    with {:ok, log} <- look(robot, path), do: settle(log)
+    with {:ok, log} <- read_state(robot, path), do: replace_if_needed(log)
   end
 
-  defp look(robot, path) do
+  defp read_state(robot, path) do
     with {:ok, bytes} <- Disk.read(path, @largest),
          {:ok, current} <- read(bytes) do
       if foreign?(current) and Dets.file?(path),
@@ -173,7 +175,7 @@ defmodule BB.Parameter.Store.Log do
   defp read(nil), do: {:ok, nil}
   defp read(bytes), do: Format.read(bytes)
 
-  # One that cannot be read is of no use, but no hindrance.
+  # A previous generation that cannot be read is ignored.
   defp previous(path) do
     with {:ok, bytes} <- Disk.read(path <> @previous, @largest),
          {:ok, before} <- read(bytes) do
@@ -186,7 +188,7 @@ defmodule BB.Parameter.Store.Log do
   defp foreign?(current), do: match?(%{generation: nil, entries: []}, current)
 
   defp recover(robot, path, nil, nil),
-    do: %__MODULE__{robot: robot, path: path, there: :nothing, entries: %{}}
+    do: %__MODULE__{robot: robot, path: path, present: :nothing, entries: %{}}
 
   defp recover(robot, path, current, before) do
     recovery = Recovery.of(current, before)
@@ -194,7 +196,7 @@ defmodule BB.Parameter.Store.Log do
     %__MODULE__{
       robot: robot,
       path: path,
-      there: there(current),
+      present: kind(current),
       entries: recovery.entries,
       number: recovery.number,
       torn?: match?(%{torn?: true}, current),
@@ -202,13 +204,13 @@ defmodule BB.Parameter.Store.Log do
     }
   end
 
-  defp there(nil), do: :nothing
-  defp there(current), do: if(current.damaged?, do: :damaged, else: :whole)
+  defp kind(nil), do: :nothing
+  defp kind(current), do: if(current.damaged?, do: :damaged, else: :whole)
 
   defp damage(path, lost), do: %{file: path, kept_as: nil, lost: lost}
 
   defp import_dets(robot, path) do
-    log = %__MODULE__{robot: robot, path: path, there: :dets, entries: %{}}
+    log = %__MODULE__{robot: robot, path: path, present: :dets, entries: %{}}
 
     case Dets.read(path) do
       {:ok, rows, 0} ->
@@ -216,44 +218,44 @@ defmodule BB.Parameter.Store.Log do
 
       {:ok, rows, lost} ->
         damage = damage(path, lost)
-        {:ok, %{log | entries: entries(rows), there: :damaged, damage: damage}}
+        {:ok, %{log | entries: entries(rows), present: :damaged, damage: damage}}
 
-      # What the file system says is about the place and not the content.
+      # A reason of the file system is an atom: the content of the file is not damaged.
       {:error, reason} when is_atom(reason) ->
         {:error, reason}
 
       {:error, _reason} ->
-        {:ok, %{log | there: :damaged, damage: damage(path, :unknown)}}
+        {:ok, %{log | present: :damaged, damage: damage(path, :unknown)}}
     end
   end
 
   defp entries(rows), do: Map.new(rows, fn {path, value} -> Entry.encode(path, value) end)
 
   # The file of an earlier start stays as it is until there is something to write.
-  defp settle(%{there: :whole} = log) do
+  defp replace_if_needed(%{present: :whole} = log) do
     if log.torn?, do: warn_torn(log)
     {:ok, log}
   end
 
-  defp settle(log) do
+  defp replace_if_needed(log) do
     case rewrite(log, []) do
       {:ok, new} ->
-        tell(log, new)
+        log_result(log, new)
         {:ok, new}
 
-      {:error, reason} when log.there == :nothing and log.damage == nil ->
+      {:error, reason} when log.present == :nothing and log.damage == nil ->
         {:error, reason}
 
       {:error, reason} ->
-        tell(log, log)
-        warn(log, "cannot be written anew: #{Reason.words(reason)}")
+        log_result(log, log)
+        warn(log, "cannot be rewritten: #{Reason.format(reason)}")
         {:ok, log}
     end
   end
 
   # Writing
 
-  defp write(%{appendable?: false} = log, change), do: write_anew(log, change)
+  defp write(%{appendable?: false} = log, change), do: merge_and_rewrite(log, change)
 
   defp write(log, change) do
     case Format.append(log.tail, change) do
@@ -268,20 +270,20 @@ defmodule BB.Parameter.Store.Log do
         {:ok, %{log | tail: tail, entries: Enum.into(change, log.entries)}}
 
       :changed ->
-        warn(log, "was changed by someone else, and is written anew with the robot's own values")
-        write_anew(log, change)
+        warn(log, "was changed by another process, and is rewritten with the robot's own values")
+        merge_and_rewrite(log, change)
 
       {:error, reason} ->
         {:error, reason}
     end
   end
 
-  # Whatever has the name now: nothing in it is lost, and what this robot has goes before it.
-  defp write_anew(log, change) do
-    with {:ok, seen} <- look(log.robot, log.path) do
+  # Keeps the values of the file that has the name now; the values of this robot override them.
+  defp merge_and_rewrite(log, change) do
+    with {:ok, seen} <- read_state(log.robot, log.path) do
       entries = Map.merge(seen.entries, log.entries)
       number = max(seen.number, log.number)
-      rewrite(%{log | there: seen.there, entries: entries, number: number}, change)
+      rewrite(%{log | present: seen.present, entries: entries, number: number}, change)
     end
   end
 
@@ -290,40 +292,46 @@ defmodule BB.Parameter.Store.Log do
 
     with :ok <- if(tail.size > @largest, do: {:error, :efbig}, else: :ok),
          :ok <- Disk.write_new(log.path, bytes),
-         {:ok, kept_as} <- make_way(log),
+         {:ok, kept_as} <- keep_present(log),
          :ok <- Disk.replace(log.path) do
-      log = %{log | tail: tail, number: tail.generation, there: :whole, appendable?: true}
+      log = %{log | tail: tail, number: tail.generation, present: :whole, appendable?: true}
       damage = if log.damage && !log.damage.kept_as, do: %{log.damage | kept_as: kept_as}
       {:ok, %{log | entries: Enum.into(change, log.entries), damage: damage || log.damage}}
     end
   end
 
-  # A file that is missed was nobody's: it had the name a moment ago.
-  defp make_way(%{there: :nothing}), do: {:ok, nil}
-  defp make_way(%{there: :whole, path: path}), do: Disk.keep_as(path, path <> @previous)
-  defp make_way(%{there: :damaged, path: path}), do: Disk.set_aside(path, path <> ".corrupt")
-  defp make_way(%{there: :dets, path: path}), do: Disk.set_aside(path, path <> ".dets")
+  # The file at `path` keeps a name of its own before a new file replaces it.
+  defp keep_present(%{present: :nothing}), do: {:ok, nil}
+  defp keep_present(%{present: :whole, path: path}), do: Disk.keep_as(path, path <> @previous)
 
-  # Telling
+  defp keep_present(%{present: :damaged, path: path}),
+    do: Disk.set_aside(path, path <> ".corrupt")
 
-  defp tell(%{damage: nil, there: :dets} = before, _log),
-    do: Logger.info("#{title(before)} took over a file of DETS, which is now #{before.path}.dets")
+  defp keep_present(%{present: :dets, path: path}), do: Disk.set_aside(path, path <> ".dets")
 
-  defp tell(%{damage: nil}, _log), do: :ok
+  # Log lines
 
-  defp tell(%{there: :nothing} = before, _log),
-    do: warn(before, "is missing; the generation before is used, which may lack some values")
+  defp log_result(%{damage: nil, present: :dets} = before, _log),
+    do:
+      Logger.info(
+        "#{title(before)} imported a DETS file, which is renamed to #{before.path}.dets"
+      )
 
-  defp tell(_before, log), do: warn(log, Store.damage_words(log.damage))
+  defp log_result(%{damage: nil}, _log), do: :ok
+
+  defp log_result(%{present: :nothing} = before, _log),
+    do: warn(before, "is missing; the previous generation is used, which may lack some values")
+
+  defp log_result(_before, log), do: warn(log, Store.format_damage(log.damage))
 
   defp warn_torn(log),
-    do: warn(log, "ends in a write that was broken off; `set` had not returned for it")
+    do: warn(log, "ends in an interrupted write; `set` had not returned for it")
 
   defp warn_unreadable(log, count) do
     warn(log, "has #{count} values that this robot cannot read, which stay in the file")
   end
 
-  defp warn(log, what), do: Logger.warning("#{title(log)} #{what}")
+  defp warn(log, text), do: Logger.warning("#{title(log)} #{text}")
 
   defp title(log), do: "#{inspect(log.robot)}: the parameter store #{log.path}"
 end

@@ -1,11 +1,12 @@
 defmodule BB.Parameter.Store.Worker do
   @moduledoc """
-  The process in which a store's callbacks run, and the one place that calls them. Whatever a
-  callback does is a result for the caller, within bounded time.
+  The process that runs the callbacks of a store. Whatever a callback does becomes a result for
+  the caller, within bounded time. `BB.Parameter.Store.Session` uses it.
 
-  A worker is linked to the process that started it. One that has been killed, for a callback that
-  did not return, is of no further use; the store is opened anew in another.
+  A worker is linked to the process that started it. A worker is killed when a callback does not
+  return; the store is then opened again in another worker.
   """
+  @moduledoc no_example: "internal: BB.Parameter.Store.Session is its interface"
 
   @type failure :: {:error, reason :: term()} | {:gone, reason :: term()}
 
@@ -17,9 +18,10 @@ defmodule BB.Parameter.Store.Worker do
   end
 
   @doc """
-  What `fun` returns, run by the worker: `{:ok, value}`. `{:error, reason}` when it raised, threw or
-  exited. `{:gone, reason}` when the worker died of it, or was killed since there was no answer
-  within `timeout_ms`.
+  Runs `fun` in the worker and returns `{:ok, value}`.
+
+  Returns `{:error, reason}` when `fun` raised, threw or exited, and `{:gone, reason}` when the
+  worker died, or was killed because `fun` did not return within `timeout_ms`.
   """
   @spec call(pid(), (() -> value), timeout_ms :: pos_integer()) :: {:ok, value} | failure()
         when value: term()
@@ -41,13 +43,13 @@ defmodule BB.Parameter.Store.Worker do
     end
   end
 
-  @doc "Ends a worker that is not busy, and with it what is linked to it."
+  @doc "Stops a worker that is not busy, and the processes that are linked to it."
   @spec stop(pid()) :: :ok
   def stop(worker) do
     ref = Process.monitor(worker)
     Process.exit(worker, :shutdown)
 
-    # Unless it or the store's own code traps exits.
+    # The store's code may have made the worker trap exits.
     receive do
       {:DOWN, ^ref, :process, _host, _reason} -> :ok
     after
@@ -55,7 +57,7 @@ defmodule BB.Parameter.Store.Worker do
     end
   end
 
-  # An answer that comes at the last moment is in the mailbox when the worker is down.
+  # A late result is in the mailbox when the worker is down.
   defp kill(worker, ref) do
     Process.exit(worker, :kill)
 
@@ -76,11 +78,11 @@ defmodule BB.Parameter.Store.Worker do
         send(from, {ref, attempt(fun)})
         serve(parent)
 
-      # For a store that makes its process trap exits.
+      # The store has made its process trap exits.
       {:EXIT, ^parent, reason} ->
         exit(reason)
 
-      # A store's own process may get what it likes.
+      # The store may send messages to its own process.
       _message ->
         serve(parent)
     end

@@ -74,8 +74,8 @@ defmodule BB.Parameter.Store.DetsTest do
       File.mkdir_p!(Path.dirname(file))
       File.write!(file, unquote(content))
       log = capture_log(fn -> start_supervised!(robot) end)
-      assert log =~ "the parameter store #{file} cannot be read as a whole; how many values are "
-      assert log =~ "lost cannot be known; it is now #{file}.corrupt"
+      assert log =~ "the parameter store #{file} cannot be read as a whole; "
+      assert log =~ "the number of lost values is unknown; the file is renamed to #{file}.corrupt"
       assert [%{file: ^file, lost: :unknown}] = damages(robot)
       assert File.read!(file <> ".corrupt") == unquote(content)
       :ok = Parameter.set(robot, [:gain], 2.0)
@@ -101,7 +101,7 @@ defmodule BB.Parameter.Store.DetsTest do
     log = capture_log(fn -> start_supervised!(robot) end)
 
     assert log =~
-             "cannot be read as a whole; how many values are lost cannot be known; it is now "
+             "cannot be read as a whole; the number of lost values is unknown; the file is renamed to "
 
     assert [%{lost: :unknown, kept_as: kept_as}] = damages(robot)
     assert File.read!(kept_as) == cut

@@ -285,9 +285,9 @@ defmodule BB.Parameter.Store.LogTest do
       assert log =~
                "SomeRobot: the parameter store #{file} cannot be read as a whole; 1 value is "
 
-      assert log =~ "lost; it is now #{file}.corrupt, and a new one is begun"
+      assert log =~ "lost; the file is renamed to #{file}.corrupt, and a new one begins"
       log = capture_log(fn -> damage(file, binary_part(whole, 0, 150), nil) end)
-      assert log =~ "how many values are lost cannot be known"
+      assert log =~ "the number of lost values is unknown"
     end
 
     test "of which only the base is damaged has lost nothing with the generation before",
@@ -305,7 +305,7 @@ defmodule BB.Parameter.Store.LogTest do
       file = Path.join(folder, "missing")
       File.write!(file <> ".previous", whole)
       log = capture_log(fn -> assert kept(file) == @all end)
-      assert log =~ "#{file} is missing; the generation before is used"
+      assert log =~ "#{file} is missing; the previous generation is used"
       assert kept(file) == @all
     end
 
@@ -404,7 +404,7 @@ defmodule BB.Parameter.Store.LogTest do
         end)
 
       assert log =~ words
-      assert log =~ "keeps values again"
+      assert log =~ "saves values again"
     end
 
     defp note(n), do: String.pad_leading("#{n}", 100, "-")
@@ -505,8 +505,8 @@ defmodule BB.Parameter.Store.LogTest do
         remount(folder, "ro")
         robot = robot_with(file)
         log = capture_log(fn -> start_supervised!(robot) end)
-        assert log =~ "cannot be read as a whole; no value is lost; it stays as it is"
-        assert log =~ "cannot be written anew: read-only file system"
+        assert log =~ "cannot be read as a whole; no value is lost; the file keeps its name"
+        assert log =~ "cannot be rewritten: read-only file system"
         assert Parameter.get!(robot, [:gain]) == 5.0
         assert [%{kept_as: nil, lost: 0}] = alarm(robot, :damaged)
         remount(folder, "rw")
@@ -532,7 +532,7 @@ defmodule BB.Parameter.Store.LogTest do
     test "and is damaged is kept and written anew", %{store: store, stored: file} do
       File.write!(file, "garbage")
       log = capture_log(fn -> assert Log.save(store, [:b], 2) == :ok end)
-      assert log =~ "#{file} was changed by someone else"
+      assert log =~ "#{file} was changed by another process"
       assert kept(file) == %{[:a] => 1, [:b] => 2}
       assert File.read!(file <> ".corrupt") == "garbage"
     end
@@ -629,7 +629,7 @@ defmodule BB.Parameter.Store.LogTest do
       bytes = File.read!(file)
 
       log = capture_log([level: :info], fn -> start_supervised!(robot) end)
-      assert log =~ "took over a file of DETS, which is now #{file}.dets"
+      assert log =~ "imported a DETS file, which is renamed to #{file}.dets"
       assert Parameter.get!(robot, [:gain]) == 2.0
       assert Parameter.get!(robot, [:rate]) == ~u(9 hertz)
       assert Parameter.get!(robot, [:mode]) == :wild

@@ -1,19 +1,20 @@
 defmodule BB.Parameter.Store.Log.Contents do
   @moduledoc """
-  What stands in a file of `BB.Parameter.Store.Log`, as `BB.Parameter.Store.Log.Format.read/1`
-  found it. Pure.
+  The contents of a file of `BB.Parameter.Store.Log`. Pure. `BB.Parameter.Store.Log.Format` reads
+  and appends to them.
 
-    * `entries` - the values in the order in which they were set, those of the generation before
-      first
-    * `generation` and `base` - the file's number, and how many values the generation before had;
-      `nil` when the header is damaged
-    * `values` - how many values stand before the place that `end_at` names
-    * `lost` and `base_lost` - how many values cannot be read, of the changes and of the
-      generation before; `:unknown` when the file has no end
+    * `entries` - the values in the order in which they were set, after the values of the previous
+      generation
+    * `generation` and `base` - the number of the file, and the number of values of the previous
+      generation; `nil` when the header is damaged
+    * `values` - the number of values before `end_at`
+    * `lost` and `base_lost` - the number of values that cannot be read, of the changes and of the
+      previous generation; `:unknown` when the file has no end
     * `damaged?` - whether bytes are wrong or missing
-    * `torn?` - whether the last write was broken off
-    * `size` and `end_at` - the file's size, and where the next change goes
+    * `torn?` - whether the last write was interrupted
+    * `size` and `end_at` - the size of the file, and the place of the next change
   """
+  @moduledoc no_example: "internal: BB.Parameter.Store.Log.Format has an example"
 
   alias BB.Parameter.Store.Log.Entry
 
@@ -41,30 +42,30 @@ defmodule BB.Parameter.Store.Log.Contents do
           end_at: non_neg_integer()
         }
 
-  @doc "Adds a frame: the values in it, and the number of values that stand before it."
-  @spec take(t(), non_neg_integer(), [Entry.t()]) :: t()
-  def take(contents, before, entries) do
-    contents = miss(contents, before)
+  @doc "Adds a frame: its values, and the number of values before it."
+  @spec add_frame(t(), non_neg_integer(), [Entry.t()]) :: t()
+  def add_frame(contents, before, entries) do
+    contents = add_gap(contents, before)
     newest_first = Enum.reverse(entries, contents.entries)
     %{contents | entries: newest_first, values: contents.values + length(entries)}
   end
 
-  @doc "The file ends here, after `before` values."
+  @doc "Ends the contents at `end_at`, after `before` values."
   @spec finish(t(), non_neg_integer(), non_neg_integer()) :: t()
   def finish(contents, before, end_at) do
-    contents = miss(contents, before)
+    contents = add_gap(contents, before)
     %{contents | entries: Enum.reverse(contents.entries), end_at: end_at}
   end
 
-  @doc "The file breaks off: nobody knows what stood in the rest."
-  @spec break_off(t()) :: t()
-  def break_off(contents) do
-    contents = miss(contents, contents.base || 0)
+  @doc "Ends the contents of a file without an end: the number of lost values is unknown."
+  @spec end_unknown(t()) :: t()
+  def end_unknown(contents) do
+    contents = add_gap(contents, contents.base || 0)
     %{contents | entries: Enum.reverse(contents.entries), lost: :unknown, damaged?: true}
   end
 
-  # Frames count what stands before them, so what could not be read is a gap.
-  defp miss(%{values: values} = contents, before) when before > values do
+  # A frame counts the values before it, so unreadable values leave a gap.
+  defp add_gap(%{values: values} = contents, before) when before > values do
     of_base = max(min(before, contents.base || 0) - values, 0)
 
     %{
@@ -75,5 +76,5 @@ defmodule BB.Parameter.Store.Log.Contents do
     }
   end
 
-  defp miss(contents, _before), do: contents
+  defp add_gap(contents, _before), do: contents
 end

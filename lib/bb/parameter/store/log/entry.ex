@@ -1,10 +1,14 @@
 defmodule BB.Parameter.Store.Log.Entry do
   @moduledoc """
-  A value as `BB.Parameter.Store.Log` writes it: `{key, data}`, the path and the value as bytes of
-  their own. Pure.
+  Encodes and decodes a value of `BB.Parameter.Store.Log` as `{key, data}`, the bytes of the path
+  and the bytes of the value. Pure.
 
-  The store keeps and copies bytes. A value that this robot cannot read, because an update removed
-  what it names, therefore stays in the file for the robot that can.
+      iex> alias BB.Parameter.Store.Log.Entry
+      iex> [:imu, :rate] |> Entry.encode(100.0) |> Entry.decode()
+      {:ok, {[:imu, :rate], 100.0}}
+
+  The store copies bytes and not terms. So a value that this robot cannot read, because an update
+  removed a module, stays in the file for a robot that can read it.
   """
 
   @type t :: {key :: binary(), data :: binary()}
@@ -12,30 +16,26 @@ defmodule BB.Parameter.Store.Log.Entry do
   @compressed 80
 
   @doc """
-  The bytes of a path and its value.
-
-      iex> alias BB.Parameter.Store.Log.Entry
-      iex> [:imu, :rate] |> Entry.encode(100.0) |> Entry.decode()
-      {:ok, {[:imu, :rate], 100.0}}
+  Encodes a path and its value.
   """
   @spec encode(BB.Parameter.path(), term()) :: t()
   def encode(path, value), do: {encode_term(path), encode_term(value)}
 
   @doc """
-  The path and the value; `:error` for bytes that are no term, or name an atom that this VM does
-  not know.
+  Decodes the path and the value. Returns `:error` for bytes that are no term, or that name an
+  atom which this VM does not know.
   """
   @spec decode(t()) :: {:ok, {BB.Parameter.path(), term()}} | :error
   def decode(entry), do: decode(entry, [:safe])
 
   @doc """
-  As `decode/1`, but new atoms are made. They are never given back, so the caller bounds the
+  Decodes like `decode/1`, and makes new atoms. The VM never frees atoms, so the caller bounds the
   bytes.
   """
   @spec decode_new(t()) :: {:ok, {BB.Parameter.path(), term()}} | :error
   def decode_new(entry), do: decode(entry, [])
 
-  @doc "How many bytes it has."
+  @doc "Returns the number of bytes of an entry."
   @spec size(t()) :: non_neg_integer()
   def size({key, data}), do: byte_size(key) + byte_size(data)
 
@@ -51,7 +51,7 @@ defmodule BB.Parameter.Store.Log.Entry do
   # Equal paths have equal bytes.
   defp encode_term(term), do: :erlang.term_to_binary(term, minor_version: 2)
 
-  # A compressed term can be far larger than its bytes, and none is ever written.
+  # A compressed term can be far larger than its bytes, and the store writes none.
   defp decode_term(<<131, @compressed, _::binary>>, _opts), do: :error
 
   defp decode_term(bytes, opts) do

@@ -1,6 +1,12 @@
 defmodule BB.Parameter.Store.Log.Format do
   @moduledoc """
-  The bytes of a file of `BB.Parameter.Store.Log`. Pure.
+  Reads and writes the bytes of a file of `BB.Parameter.Store.Log`. Pure.
+
+      iex> alias BB.Parameter.Store.Log.{Entry, Format}
+      iex> {bytes, _contents} = Format.new(1, [Entry.encode([:gain], 1.0)], [])
+      iex> {:ok, contents} = Format.read(IO.iodata_to_binary(bytes))
+      iex> Enum.map(contents.entries, &Entry.decode/1)
+      [ok: {[:gain], 1.0}]
 
   A file is made in its full size and never grows. Integers are big-endian, each `crc` is a
   CRC-32:
@@ -11,17 +17,17 @@ defmodule BB.Parameter.Store.Log.Format do
       end      "end." before:32 crc:32 "."
       filling  the byte A5 as far as size
 
-  `size` is the file's own, so that a file that was cut is known by it. `generation` counts the
-  files that took each other's place. The first `base` values are those of the generation before,
-  one in each frame; each later frame is one change, which is there as a whole or not at all. A
-  payload is `key_size:32 data_size:32 key data` for each value. `before` counts the values in all
-  frames before, so that a frame that cannot be read leaves a gap of known size. Checksums cover
+  `size` is the size of the file, which detects a file that was cut. `generation` counts the files
+  that replaced each other. The first `base` values are the values of the previous generation, one
+  in each frame. Each later frame is one change, which is saved as a whole or not at all. A
+  payload is `key_size:32 data_size:32 key data` for each value. `before` counts the values in
+  all frames before, so that an unreadable frame leaves a gap of known size. A checksum covers
   the place in the file too, so that a copy of a frame inside a value is no frame.
 
-  A change is one write over the old end: its frame, and the new end. Where such a write was
-  broken off, by a power failure for one, the old bytes stand behind that place. That tells it
-  from damage, and what was broken off was never acknowledged. The filling is nothing that a disk
-  or a file system puts in the place of what it has lost, as zeros are.
+  A change is one write over the old end: its frame, and the new end. Behind an interrupted write,
+  for example after a power failure, stand the old bytes. This distinguishes it from damage, and
+  an interrupted write was never acknowledged. The filling differs from the zeros that a disk or
+  a file system may put in the place of lost bytes.
   """
 
   alias BB.Parameter.Store.Log.{Contents, Entry}
@@ -36,12 +42,12 @@ defmodule BB.Parameter.Store.Log.Format do
   @end_size 13
   @filling <<0xA5>>
   @block 4_096
-  # But for a file that is large itself.
+  # The free bytes of a new file, unless the file itself is large.
   @most_free 65_536
 
   @doc """
-  A new file: the values of the generation before, and a change. The contents tells where the next
-  change goes.
+  Makes a new file with the values of the previous generation and a change. Returns its bytes and
+  its contents.
 
       iex> alias BB.Parameter.Store.Log.{Entry, Format}
       iex> {bytes, _contents} =
@@ -68,7 +74,8 @@ defmodule BB.Parameter.Store.Log.Format do
   end
 
   @doc """
-  The write of a change, to be made at `contents.end_at`, and the contents after it; or `:full`.
+  Makes the bytes of a change, to be written at `contents.end_at`. Returns them and the contents
+  after the write; or `:full`.
   """
   @spec append(Contents.t(), [Entry.t()]) :: {:ok, iodata(), Contents.t()} | :full
   def append(%Contents{} = contents, change) do
@@ -79,15 +86,15 @@ defmodule BB.Parameter.Store.Log.Format do
       else: :full
   end
 
-  @doc "The bytes at `contents.end_at` of a file to which nobody else has written."
+  @doc "Returns the bytes at `contents.end_at` of a file that no other process has written to."
   @spec ending(Contents.t()) :: binary()
   def ending(%Contents{} = contents), do: ending(contents.end_at, contents.values)
 
   @doc """
-  Reads a file. Whatever the bytes, what is returned had been written by `new/3` or `append/2`;
-  what cannot be read is counted.
+  Reads the bytes of a file. For any bytes, it returns only values that `new/3` or `append/2` has
+  written, and counts values that cannot be read.
 
-  `{:error, {:version, n}}` is a file by a later release of this library.
+  Returns `{:error, {:version, n}}` for a file of a later release of this library.
   """
   @spec read(binary()) :: {:ok, Contents.t()} | {:error, {:version, non_neg_integer()}}
   def read(bytes) do
@@ -118,8 +125,7 @@ defmodule BB.Parameter.Store.Log.Format do
   defp encode({key, data}),
     do: <<byte_size(key)::32, byte_size(data)::32, key::binary, data::binary>>
 
-  # It ends in a byte that is not the filling's: behind a write that was broken off stands the
-  # filling of before.
+  # The end's last byte differs from the filling, which stands behind an interrupted write.
   defp ending(at, before) do
     head = <<@end_magic, before::32>>
     <<head::binary, crc(at, head)::32, ".">>
@@ -151,21 +157,21 @@ defmodule BB.Parameter.Store.Log.Format do
   defp walk(bytes, at, contents) do
     case part_at(bytes, at) do
       {:frame, before, entries, next} ->
-        walk(bytes, next, Contents.take(contents, before, entries))
+        walk(bytes, next, Contents.add_frame(contents, before, entries))
 
       {:end, before} ->
         Contents.finish(contents, before, at)
 
       {:unreadable, length} ->
-        pass(bytes, at, contents, @head_size + length + @crc_size)
+        skip(bytes, at, contents, @head_size + length + @crc_size)
 
       :nothing ->
-        pass(bytes, at, contents, nil)
+        skip(bytes, at, contents, nil)
     end
   end
 
-  # What stands at `at` cannot be read; its size is known when its head could be.
-  defp pass(bytes, at, contents, size) do
+  # Skips unreadable bytes at `at`; their size is known when the head of the frame is readable.
+  defp skip(bytes, at, contents, size) do
     cond do
       torn?(bytes, at, contents, size) ->
         %{Contents.finish(contents, contents.values, at) | torn?: true}
@@ -174,7 +180,7 @@ defmodule BB.Parameter.Store.Log.Format do
         walk(bytes, next, %{contents | damaged?: true})
 
       true ->
-        Contents.break_off(contents)
+        Contents.end_unknown(contents)
     end
   end
 
@@ -223,7 +229,7 @@ defmodule BB.Parameter.Store.Log.Format do
 
   defp from(bytes, at), do: binary_part(bytes, at, byte_size(bytes) - at)
 
-  # The next place from `at` on where a frame or the end stands.
+  # The next frame or end from `at` on.
   defp next_part(bytes, at) when at >= byte_size(bytes), do: nil
 
   defp next_part(bytes, at) do
@@ -244,7 +250,7 @@ defmodule BB.Parameter.Store.Log.Format do
     torn_frame?(tail, size, ending) or torn_end?(tail, ending)
   end
 
-  # One that was not broken off goes as far as the end behind its frame.
+  # A complete write reaches the end behind its frame.
   defp torn_frame?(tail, size, old_end) do
     written = written(tail, old_end)
 
@@ -252,20 +258,19 @@ defmodule BB.Parameter.Store.Log.Format do
       if(size, do: written < size + @end_size, else: written <= @head_size)
   end
 
-  # The frame before it was written as a whole.
+  # The frame before this end is complete.
   defp torn_end?(tail, ending) do
     written = binary_part(tail, 0, used(tail))
     written != "" and String.starts_with?(ending, written)
   end
 
-  # How many bytes were written, before there stand those that stood there before: the old end,
-  # and the filling.
+  # The number of bytes that were written. Behind them stand the old end and the filling.
   defp written(tail, old_end) do
     used = used(tail)
     if used > @end_size, do: used, else: changed(tail, old_end)
   end
 
-  # How many bytes stand before the filling.
+  # The number of bytes before the filling.
   defp used(tail), do: used(tail, byte_size(tail))
 
   defp used(_tail, 0), do: 0

@@ -1,10 +1,13 @@
 defmodule BB.Parameter.Store.Log.Recovery do
   @moduledoc """
-  What a file of `BB.Parameter.Store.Log` and the generation before it say together. Pure.
+  Recovers the values of a file of `BB.Parameter.Store.Log` from its contents and those of the
+  previous generation. Pure.
 
-  `entries` are the newest values that can be read, by their keys. `lost` counts those that
-  cannot; it is `nil` when the file is whole. `number` is that of the newest generation.
+  `entries` are the newest values that can be read, by their keys. `lost` counts the values that
+  cannot be read; it is `nil` when the file is whole. `number` is the number of the newest
+  generation.
   """
+  @moduledoc no_example: "internal: BB.Parameter.Store.Log opens files with it"
 
   alias BB.Parameter.Store.Log.Contents
 
@@ -16,7 +19,7 @@ defmodule BB.Parameter.Store.Log.Recovery do
           number: non_neg_integer()
         }
 
-  @doc "Makes the best of two files, either of which may be missing (`nil`)."
+  @doc "Recovers values from two files, either of which may be missing (`nil`)."
   @spec of(Contents.t() | nil, Contents.t() | nil) :: t()
   def of(%Contents{damaged?: false} = current, _before),
     do: %__MODULE__{entries: entries(current), number: current.generation}
@@ -30,15 +33,15 @@ defmodule BB.Parameter.Store.Log.Recovery do
   defp lost(%{lost: :unknown}, _before), do: :unknown
 
   defp lost(current, before),
-    do: current.lost + if(base?(before, current), do: 0, else: current.base_lost)
+    do: current.lost + if(complete_base?(before, current), do: 0, else: current.base_lost)
 
-  # Whether a file has all the values with which the next generation began.
-  defp base?(%Contents{damaged?: false} = before, current),
+  # Whether the previous file has all values with which the next generation began.
+  defp complete_base?(%Contents{damaged?: false} = before, current),
     do:
       before.generation == (current.generation || 0) - 1 and
         map_size(entries(before)) == current.base
 
-  defp base?(_before, _current), do: false
+  defp complete_base?(_before, _current), do: false
 
   defp entries(nil), do: %{}
   defp entries(%Contents{entries: entries}), do: Map.new(entries)
