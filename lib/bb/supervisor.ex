@@ -34,8 +34,8 @@ defmodule BB.Supervisor do
                type: :keyword_list,
                default: [],
                doc:
-                 "Values of parameters, nested as the parameters: `[imu: [rate: ~u(50 hertz)]]`. " <>
-                   "They override persisted values and defaults."
+                 "Values of parameters, nested as the parameters: " <>
+                   "`[imu: [rate: ~u(50 hertz)]]`. They override persisted values and defaults."
              ],
              topic_prefix: [
                type: {:or, [{:custom, BB.Topic, :check_prefix, []}, nil]},
@@ -80,7 +80,8 @@ defmodule BB.Supervisor do
   Takes the error of `start_link/2`, or the error of a supervisor or an application with the robot
   among its children.
 
-      iex> error = %BB.Options.ValidationError{message: "unknown options [:buss]", keys_path: [:imu]}
+      iex> message = "unknown options [:buss]"
+      iex> error = %BB.Options.ValidationError{message: message, keys_path: [:imu]}
       iex> BB.Supervisor.format_error({:shutdown, {:failed_to_start_child, MyRobot, error}})
       "unknown options [:buss] (in options [:imu])"
   """

@@ -269,10 +269,12 @@ defmodule Ganglion.Console do
     left = if state.left_ms, do: [["decides within", "#{div(state.left_ms, 1_000)} s"]], else: []
 
     reasons =
-      for {check, reason} <- state.reasons, do: [Findings.name(check), Findings.words(reason)]
+      for {check, reason} <- state.reasons,
+          do: [Findings.format_check(check), Findings.format_reason(reason)]
 
     missing =
-      for {check, words} <- state.missing, do: [Findings.name(check), "optional; " <> words]
+      for {check, words} <- state.missing,
+          do: [Findings.format_check(check), "optional; " <> words]
 
     [["guard", state.phase]] ++ left ++ reasons ++ missing
   end

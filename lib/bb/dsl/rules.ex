@@ -281,8 +281,8 @@ defmodule BB.Dsl.Rules do
   defp unknown(field, kind) do
     case Grammar.homes(field) do
       [] ->
-        "#{Grammar.describe(kind)} has no #{inspect(field)}; " <>
-          "it takes #{list(Grammar.words(kind))}"
+        "#{Grammar.describe(kind)} has no #{inspect(field)}; it takes " <>
+          "#{list(Grammar.words(kind))}"
 
       _homes ->
         misplaced(field, kind)

@@ -1,51 +1,52 @@
 defmodule BB.Firmware.Applications do
   @moduledoc """
   Starts an application of a board again when it ends, and restarts the board when that does not
-  help.
+  help. Use it on boards, as the handler of Nerves' shoehorn:
 
       config :shoehorn, handler: BB.Firmware.Applications
 
-  Nerves' shoehorn starts all applications as temporary: one that ends stays ended, and the board
-  runs on without it. Shoehorn tells this module of each end, as it tells any `Shoehorn.Handler`;
-  what follows decides `BB.Firmware.Applications.RestartPolicy`, and does
-  `BB.Firmware.Applications.Restarter`, a process outside all applications. An application that did
-  not start is one that has ended, and one whose dependency has ended before it could start is
-  started with it.
+  Shoehorn starts all applications as temporary: an application that ends is not started again,
+  and the board keeps running without it. Shoehorn calls this module at each end, as it calls
+  any `Shoehorn.Handler`. `BB.Firmware.Applications.RestartPolicy` decides what follows, and
+  `BB.Firmware.Applications.Restarter`, a process outside of all applications, does it. An
+  application that did not start counts as ended. An application whose dependency ended before
+  it could start is started with its dependency.
 
-  What happened is told in the board's story (`BB.Firmware.Story`), which the console shows.
+  The board's story has a line for each event (`BB.Firmware.Story`), which the console shows.
 
-  Options of the restarter: `config :ganglion, BB.Firmware.Applications`.
+  `config :ganglion, BB.Firmware.Applications` has the options of the restarter.
   """
 
   alias BB.Firmware.Applications.Restarter
 
-  # Shoehorn is there on boards alone, and there the compiler shall check what it wants.
+  # Shoehorn exists on boards alone, where the compiler checks its callbacks.
   if Code.ensure_loaded?(Shoehorn.Handler), do: @behaviour(Shoehorn.Handler)
 
-  @doc "Starts the restarter. Its options are the configured ones."
+  @doc "Starts the restarter with the configured options."
   @spec init(keyword()) :: {:ok, GenServer.server()}
   def init(_opts) do
     _ = restarter()
     {:ok, Restarter}
   end
 
-  @doc "An application has started."
+  @doc "Handles the start of an application."
   @spec application_started(atom(), GenServer.server()) :: {:continue, GenServer.server()}
-  def application_started(app, restarter), do: tell({:started, app}, restarter)
+  def application_started(app, restarter), do: handle_event({:started, app}, restarter)
 
-  @doc "An application has ended, or did not start."
+  @doc "Handles the end, or the failed start, of an application."
   @spec application_exited(atom(), term(), GenServer.server()) :: {:continue, GenServer.server()}
-  def application_exited(app, reason, restarter), do: tell({:ended, app, reason}, restarter)
+  def application_exited(app, reason, restarter),
+    do: handle_event({:ended, app, reason}, restarter)
 
-  # It never asks to halt: that is no orderly end, and this module's limit of time is not
-  # shoehorn's.
-  defp tell(event, restarter) do
+  # It never returns :halt: that would be no orderly end, and shoehorn's time limit differs from
+  # this module's.
+  defp handle_event(event, restarter) do
     _ = if restarter == Restarter, do: restarter()
-    Restarter.tell(restarter, event)
+    Restarter.handle_event(restarter, event)
     {:continue, restarter}
   end
 
-  # It is linked to nobody, so that its end is nobody's; the next event starts it again.
+  # It has no links, so that its end affects no other process. The next event starts it again.
   defp restarter do
     if Process.whereis(Restarter) == nil, do: Restarter.start([name: Restarter] ++ configured())
   end

@@ -1,10 +1,11 @@
 defmodule BB.Firmware.Attempt do
   @moduledoc """
-  Does what may raise, exit or never return, in a start that has to go on without it.
+  Runs a function that may raise, exit or never return, within a time limit and with retries.
+  Use it for the steps of a board's start, which must continue without a step that fails.
 
-  What comes before ssh in a board's start must not end it: a board that nobody can reach takes no
-  update either. So each such step runs in a process of its own, for a limited time, is tried
-  again, and is given up in the end with a line in the log.
+      {:ok, keys} = BB.Firmware.Attempt.run("read the keys", fn -> read_keys() end, attempts: 1)
+
+  A step before ssh must not end the start of a board: a board without ssh accepts no update.
   """
 
   require Logger
@@ -14,33 +15,34 @@ defmodule BB.Firmware.Attempt do
   @pause_ms 2_000
 
   @doc """
-  Calls `fun`, and returns `{:ok, result}`, or `:error` when it raised, threw, exited or did not
-  return in time, each time.
+  Calls `fun` in a process of its own. Returns `{:ok, result}`, or `:error` when each attempt
+  raised, threw, exited or did not return in time. `step` names the step in the log.
 
-  Options: `attempts:` (#{@attempts}), `limit_ms:` for each of them (#{@limit_ms}), `pause_ms:`
-  between two (#{@pause_ms}).
+  Options: `attempts:` (#{@attempts}), `limit_ms:` for each attempt (#{@limit_ms}), `pause_ms:`
+  between two attempts (#{@pause_ms}).
   """
   @spec run(String.t(), (() -> result), keyword()) :: {:ok, result} | :error when result: term()
-  def run(what, fun, opts \\ []) do
+  def run(step, fun, opts \\ []) do
     opts = Keyword.validate!(opts, attempts: @attempts, limit_ms: @limit_ms, pause_ms: @pause_ms)
-    run(what, fun, opts[:attempts], opts)
+    run(step, fun, opts[:attempts], opts)
   end
 
-  defp run(what, fun, attempts, opts) do
+  defp run(step, fun, attempts, opts) do
     with {:error, reason} <- once(fun, opts[:limit_ms]) do
-      Logger.error("#{what}: #{inspect(reason, limit: 20)}")
+      Logger.error("could not #{step}: #{inspect(reason, limit: 20)}")
 
       if attempts > 1 do
         Process.sleep(opts[:pause_ms])
-        run(what, fun, attempts - 1, opts)
+        run(step, fun, attempts - 1, opts)
       else
-        Logger.error("#{what}: the start goes on without it")
+        Logger.error("could not #{step}; the start continues without it")
         :error
       end
     end
   end
 
-  # The exit signal of the process carries the result, so that no message is left behind.
+  # The exit signal of the process carries the result, so that no late message stays in the
+  # mailbox.
   defp once(fun, limit_ms) do
     tag = make_ref()
     {pid, ref} = spawn_monitor(fn -> exit({tag, result(fun)}) end)

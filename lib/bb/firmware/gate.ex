@@ -2,23 +2,23 @@ defmodule BB.Firmware.Gate do
   @own [
     board: [
       type: {:tuple, [:module, :any]},
-      doc: "`BB.Firmware.Board`; the configured one."
+      doc: "The board (`BB.Firmware.Board`); default: the configured one."
     ],
     public_key: [
       type: :string,
       default: "/etc/ganglion/firmware.pub",
-      doc: "The file with the key that updates are signed for."
+      doc: "The file with the public key of updates."
     ],
     folder: [
       type: :string,
-      doc: "Where it is noted that an update is on its way; the one of `BB.Firmware.Guard`."
+      doc: "The folder with the marker of an update; default: the folder of `BB.Firmware.Guard`."
     ],
     settle_ms: [
       type: :non_neg_integer,
       default: 3_000,
       doc:
-        "How long after an upload the next one waits, in milliseconds: within this time the " <>
-          "board is told whether anything was written."
+        "The time in milliseconds that the next upload waits after an upload. It ends after " <>
+          "the report whether the upload succeeded."
     ]
   ]
 
@@ -29,34 +29,35 @@ defmodule BB.Firmware.Gate do
             ] ++ @own
           )
 
-  # What is configured for a gate that is gone.
+  # The configured options, for a gate that does not run.
   @own_schema BB.Options.new!(@own)
 
   @moduledoc """
-  Lets an update in, or tells the uploader why not.
-
-  An update is refused while
-
-    * a robot is armed or being disarmed,
-    * the running firmware is not validated: it would have nothing to fall back to,
-    * another update is written, or one was and the board is about to restart: the two would write to the same place,
-    * the public key is missing: without a key `fwup` takes any image, signed or not.
-
-  While an update is written no robot can be armed (`BB.Safety.inhibit/3` at `[:firmware,
-  :update]`). After it was written, the robots are disarmed and the board restarted.
+  Accepts or refuses firmware updates. Configure it for the upload over ssh; other uploaders call
+  `precheck/2` and `written/2`.
 
       config :ssh_subsystem_fwup,
         precheck_callback: {BB.Firmware.Gate, :precheck, []},
         success_callback: {BB.Firmware.Gate, :written, []}
 
-  ## Without the gate
+  An update is refused while
 
-  `precheck/2` decides in the process that uploads. The gate's process knows the robot and the
-  options, no more: on a board whose application does not run, an update is what repairs it, so it
-  is let in by the same rules, with the options of the configuration (`config :ganglion,
-  BB.Firmware.Gate`). What no application holds is held elsewhere: who uploads, by a process of
-  its own (`BB.Firmware.Gate.LockServer`); what is armed, by the tables of `BB.Safety`, without which
-  nothing is.
+    * a robot is armed or being disarmed,
+    * the running firmware is not validated, because the board could not revert,
+    * another update is written, or was written and the board is about to restart, because both
+      would write to the same slot,
+    * the public key is missing, because `fwup` without a key accepts any image.
+
+  While an update is written, no robot can be armed (`BB.Safety.inhibit/3` at
+  `[:firmware, :update]`). Then the robots are disarmed and the board restarts.
+
+  ## Without the process
+
+  `precheck/2` decides in the uploading process. The gate's process only has the robot and the
+  options. When the application of a board does not run, an update may repair it. So the same
+  rules hold without the process, with the options of `config :ganglion, BB.Firmware.Gate`. A
+  process of no application has the lock (`BB.Firmware.Gate.LockServer`), and the tables of
+  `BB.Safety` tell which robots are armed.
 
   ## Options
 
@@ -81,16 +82,17 @@ defmodule BB.Firmware.Gate do
   end
 
   @doc """
-  Whether the calling process may write an update: `{:ok, options}` for `SSHSubsystemFwup`, or `{:error, text}`, which it shows to who
-  uploads. From then on the caller holds the gate, until it ends.
+  Decides whether the calling process may write an update. Returns `{:ok, options}` for
+  `SSHSubsystemFwup`, or `{:error, text}` for the uploading person. After `{:ok, _}` the caller
+  has the lock until it ends.
 
-  `opts` are the options for the case that there is no gate, the configured ones when not given.
+  `opts` are the options in case the gate does not run (default: the configured ones).
   """
   @spec precheck(GenServer.server(), keyword()) :: {:ok, keyword()} | {:error, String.t()}
   def precheck(gate \\ __MODULE__, opts \\ configured()) do
     with {:error, text} <- gate |> settings(opts) |> enter() do
-      Logger.warning("an update was refused: #{text}")
-      # The uploader's terminal shows it as it is.
+      Logger.warning("update refused: #{text}")
+      # The terminal of the uploading person shows the text unchanged.
       {:error, text <> "\n"}
     end
   rescue
@@ -100,37 +102,37 @@ defmodule BB.Firmware.Gate do
   end
 
   defp refuse(why) do
-    Logger.error("an update was refused: whether it may be written could not be told: #{why}")
-    {:error, "whether an update may be written could not be told: #{why}\n"}
+    Logger.error("update refused: the check of the update failed: #{why}")
+    {:error, "the check of the update failed: #{why}\n"}
   end
 
   @doc """
-  Called when an update was written: disarms the robots and restarts the board, also when the gate
-  itself is gone.
+  Disarms the robots and restarts the board, also when the gate does not run. The uploader calls
+  it when an update was written.
   """
   @spec written(GenServer.server(), keyword()) :: :ok | {:error, term()}
   def written(gate \\ __MODULE__, opts \\ configured()) do
     settings = settings(gate, opts)
-    leave_no_way_back(settings)
+    prepare_restart(settings)
     Board.reboot(settings.board)
   end
 
-  # Whatever of it fails, the board restarts.
-  defp leave_no_way_back(settings) do
+  # The board restarts even if this fails.
+  defp prepare_restart(settings) do
     LockServer.written(settings)
     Robots.disarm(settings.robots)
     _ = Trial.written(settings.folder)
     _ = Story.tell(settings.folder, "an update was written; the board restarts with it")
     :ok
   rescue
-    error -> Logger.error("before the restart: #{Exception.message(error)}")
+    error -> Logger.error("could not prepare the restart: #{Exception.message(error)}")
   catch
-    kind, reason -> Logger.error("before the restart: #{inspect({kind, reason})}")
+    kind, reason -> Logger.error("could not prepare the restart: #{inspect({kind, reason})}")
   end
 
   @doc """
-  Whether somebody writes an update, or has written one: then the board is not to be restarted for
-  anything else.
+  Returns whether an update is written or was written. The board must not restart for another
+  reason then.
   """
   @spec busy?(GenServer.server()) :: boolean()
   def busy?(gate \\ __MODULE__), do: LockServer.lock(names(gate)) != :free
@@ -146,7 +148,7 @@ defmodule BB.Firmware.Gate do
   @impl GenServer
   def handle_call(:settings, _from, settings), do: {:reply, settings, settings}
 
-  # What is so, asked or configured. A robot that is not the gate's must not be armed either.
+  # The settings of the gate's process or of the configuration, for all robots of the VM.
   defp settings(gate, opts) do
     settings =
       try do
@@ -159,25 +161,25 @@ defmodule BB.Firmware.Gate do
   end
 
   defp without_gate(gate, opts) do
-    Logger.warning("the gate for updates is not there; it is decided without it")
+    Logger.warning("the gate for updates does not run; the configured options hold")
 
     opts
-    |> valid()
+    |> valid_options()
     |> BB.Options.validate!(@own_schema)
     |> Map.new()
     |> Map.merge(%{name: gate, gate: :gone})
     |> complete()
   end
 
-  # A wrong option may be why there is no gate. Its default counts then.
-  defp valid(opts) when is_list(opts) do
+  # A wrong option may be the reason why the gate does not run. Its default holds then.
+  defp valid_options(opts) when is_list(opts) do
     for {name, _value} = option <- opts,
         Keyword.has_key?(@own, name),
         match?({:ok, _}, BB.Options.validate([option], @own_schema)),
         do: option
   end
 
-  defp valid(_opts), do: []
+  defp valid_options(_opts), do: []
 
   defp complete(opts) do
     %{
@@ -191,11 +193,11 @@ defmodule BB.Firmware.Gate do
     }
   end
 
-  # First nobody else can enter and nobody can arm a robot, then it is seen whether one is armed.
+  # Takes the lock and forbids arming before it checks whether a robot is armed.
   defp enter(settings) do
     with :ok <- LockServer.enter(settings) do
       LockServer.inhibit(settings.robots)
-      decided(Precheck.decide(facts(settings)), settings)
+      finish_precheck(Precheck.decide(facts(settings)), settings)
     else
       {:error, refusal} -> Precheck.decide(%{lock: {:error, refusal}})
     end
@@ -211,24 +213,27 @@ defmodule BB.Firmware.Gate do
     }
   end
 
-  defp decided(:ok, settings) do
-    _ = note(settings)
+  defp finish_precheck(:ok, settings) do
+    _ = record_trial(settings)
     {:ok, [fwup_extra_options: ["--public-key-file", settings.key]]}
   end
 
-  defp decided(refused, settings) do
+  defp finish_precheck(refused, settings) do
     LockServer.leave(settings)
     refused
   end
 
-  defp note(settings) do
+  defp record_trial(settings) do
     _ =
       if settings.gate == :gone,
         do:
-          Story.tell(settings.folder, "an update was let in without the gate, which is not there")
+          Story.tell(
+            settings.folder,
+            "an update was accepted without the gate, which does not run"
+          )
 
     with {:error, reason} <- Trial.accepted(settings.folder, settings.board),
-         do: Logger.error("the trial of this update was not noted: #{inspect(reason)}")
+         do: Logger.error("could not record the trial of the update: #{inspect(reason)}")
   end
 
   defp names(name) when is_atom(name) and name != nil,

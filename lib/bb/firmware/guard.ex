@@ -2,73 +2,87 @@ defmodule BB.Firmware.Guard do
   @folder "/data/guard"
 
   @schema BB.Options.new!(
-            robot: [type: :module, required: true, doc: "The robot that has to work."],
+            robot: [type: :module, required: true, doc: "The robot that must work."],
             name: [type: :any, default: __MODULE__, doc: "The name of the process."],
             board: [
               type: {:tuple, [:module, :any]},
-              doc: "`BB.Firmware.Board`; the configured one."
+              doc: "The board (`BB.Firmware.Board`); default: the configured one."
             ],
             network: [
               type: {:tuple, [:module, :any]},
-              doc: "`BB.Firmware.Network.Adapter`; the configured one."
+              doc: "The network (`BB.Firmware.Network.Adapter`); default: the configured one."
             ],
             reach: [
               type: {:in, [:none, :lan, :internet]},
               default: :lan,
-              doc: "How far the network has to reach; `:none` for not at all."
+              doc: "The required reach of the network; `:none` for no network."
             ],
             stability_ms: [
               type: :non_neg_integer,
               default: 10_000,
-              doc: "How long everything has to be good without a break, in milliseconds."
+              doc: "The time in milliseconds for which all checks must be good without a break."
             ],
             deadline_ms: [
               type: :pos_integer,
               default: 300_000,
-              doc: "Milliseconds from the VM's start to the revert."
+              doc: "The time in milliseconds from the start of the VM to the revert."
             ],
             fresh_ms: [
               type: :pos_integer,
               default: 1_000,
-              doc: "How old a sample may be, and how long a check may say nothing."
+              doc: "The greatest age in milliseconds of a sample, and of a good check."
             ],
-            poll_ms: [type: :pos_integer, default: 250, doc: "Milliseconds between two looks."],
-            folder: [type: :string, default: @folder, doc: "Where reports are written."],
+            poll_ms: [
+              type: :pos_integer,
+              default: 250,
+              doc: "The period of the checks in milliseconds."
+            ],
+            folder: [type: :string, default: @folder, doc: "The folder of the findings."],
             topic: [
               type: :string,
               default: "firmware_guard",
               doc:
-                "The ring topic for the round trip, for the guard alone, after the robot's prefix (`BB.Topic`)."
+                "The ring topic for the round trip, of the guard alone, behind the robot's " <>
+                  "prefix (`BB.Topic`)."
             ],
-            started_ms: [type: :integer, doc: "When the VM was started, on the monotonic clock."]
+            started_ms: [
+              type: :integer,
+              doc: "The start of the VM on the monotonic clock, in milliseconds."
+            ]
           )
 
   @moduledoc """
-  Keeps new firmware only if the robot works with it.
+  Validates new firmware if the robot works with it, and reverts it otherwise. Use it on boards;
+  `BB.Firmware.Supervisor` starts it with the configured options.
 
-  A board starts an update once, and falls back to the firmware before it unless somebody validates the new one. This is that
-  somebody. Firmware is validated when all of this is so, without a break, for the stability window:
+      config :ganglion, BB.Firmware.Guard, stability_ms: 30_000, reach: :internet
 
-    * each sensor that is declared with `required: true` has published fresh samples, as fresh as
-      its `max_silence` and its rate allow,
+  A board starts an update once, and reverts to the previous firmware unless the new one is
+  validated. The guard validates firmware when all of these checks hold for the stability
+  window, without a break:
+
+    * each sensor with `required: true` has published fresh samples, as fresh as its
+      `max_silence` and its rate allow,
     * native processes, outlets and inlets are up and were not started again,
-    * a message on the pubsub and one on the ring came back to the guard,
-    * the network reaches as far as wanted.
+    * a message on the pubsub and a message on the ring have returned to the guard,
+    * the network has the required reach.
 
-  Otherwise, at the deadline, the reasons are written to a report (`BB.Firmware.Trial.Findings`) and the board reverts. Sensors that are
-  not required may be absent: the report and the log tell of them, no more.
+  Otherwise, at the deadline, the guard writes the reasons to its findings
+  (`BB.Firmware.Trial.Findings`), and the board reverts. Sensors that are not required may be
+  absent; the findings and the log mention them.
 
-  Nothing happens to firmware that is validated already. On a board that knows no such state
-  (x86_64) an update that came in through the gate is on trial too, by a marker
-  (`BB.Firmware.Trial`): the guard reverts it, and nothing else does. The marker gets what the
-  guard waits for as well, so that there is a reason also where the guard has not come as far as
-  to revert.
+  Validated firmware stays as it is. On a board without validation (x86_64), an update through the
+  gate is on trial too, by a marker (`BB.Firmware.Trial`), and only the guard reverts it. The
+  marker also records the checks that the guard waits for, which gives a reason when the trial
+  ends before the guard reverts.
 
-  `BB.Firmware.Guard.Validation` decides, this process acts. Its deadline counts from the start of the VM, so that a guard that crashes
-  again and again decides too; when even the guard is gone, the heart stops (`BB.Firmware.Guard.Heart`) and the board restarts.
+  `BB.Firmware.Guard.Validation` decides, and this process acts. The deadline counts from the
+  start of the VM, so that a guard that crashes repeatedly reverts too. When the guard does not
+  run at all, the heart stops (`BB.Firmware.Guard.Heart`) and the board restarts.
 
-  Nerves has a guard of its own, which validates as soon as all applications have started. It has to be off
-  (`config :nerves_runtime, startup_guard_enabled: false`); what it does for the watchdog, this one does.
+  Nerves has a guard of its own, which validates as soon as all applications have started.
+  Disable it (`config :nerves_runtime, startup_guard_enabled: false`); this guard also reports
+  to the watchdog.
 
   ## Options
 
@@ -90,8 +104,9 @@ defmodule BB.Firmware.Guard do
   @by "its guard"
 
   @typedoc """
-  How it stands. `reasons` are those for which the firmware is not validated, `missing` the sensors that are not required and not up,
-  `left_ms` is how long the deadline is away, while there is one.
+  The state of a guard. `reasons` are the reasons for which the firmware is not validated,
+  `missing` the sensors that are not required and not up, `left_ms` the time until the deadline,
+  or `nil`.
   """
   @type state :: %{
           phase: Validation.phase(),
@@ -108,7 +123,7 @@ defmodule BB.Firmware.Guard do
     GenServer.start_link(__MODULE__, opts, name: opts[:name])
   end
 
-  @doc "How it stands: `{:ok, state}`, or `{:error, :not_running}`."
+  @doc "Returns the state of a guard: `{:ok, state}`, or `{:error, :not_running}`."
   @spec state(GenServer.server()) :: {:ok, state()} | {:error, :not_running}
   def state(guard \\ __MODULE__) do
     {:ok, GenServer.call(guard, :state, @call_timeout_ms)}
@@ -122,7 +137,7 @@ defmodule BB.Firmware.Guard do
 
   @impl GenServer
   def init(opts) do
-    # So that terminate/2 runs, and the topic ends with the guard.
+    # So that terminate/2 runs, which closes the topic.
     Process.flag(:trap_exit, true)
 
     checks =
@@ -150,10 +165,10 @@ defmodule BB.Firmware.Guard do
       noted_ms: nil
     }
 
-    {:ok, state, {:continue, :look}}
+    {:ok, state, {:continue, :check}}
   end
 
-  # A name that is too long with the prefix is the guard's alone as well without it.
+  # A name that is too long with the prefix is used without it.
   defp topic(robot, name) do
     case BB.Topic.of(robot, name) do
       {:ok, topic} -> topic
@@ -162,15 +177,17 @@ defmodule BB.Firmware.Guard do
   end
 
   @impl GenServer
-  def handle_continue(:look, state), do: {:noreply, look(state)}
+  def handle_continue(:check, state), do: {:noreply, check(state)}
 
   @impl GenServer
-  def handle_info(:look, state), do: {:noreply, look(state)}
+  def handle_info(:check, state), do: {:noreply, check(state)}
 
   def handle_info(message, state) do
     if Validation.over?(state.validation),
       do: {:noreply, state},
-      else: {:noreply, Enum.reduce(Checks.heard(state.checks, message), state, &happen/2)}
+      else:
+        {:noreply,
+         Enum.reduce(Checks.handle_message(state.checks, message), state, &handle_event/2)}
   end
 
   @impl GenServer
@@ -191,89 +208,93 @@ defmodule BB.Firmware.Guard do
   @impl GenServer
   def terminate(_reason, state), do: Checks.close(state.checks)
 
-  # It goes on looking only as long as something depends on it.
-  defp look(state) do
-    state = ask(state)
-    if Validation.over?(state.validation), do: rest(state), else: look_again(state)
+  # Checks end when the validation is over.
+  defp check(state) do
+    state = read_status(state)
+    if Validation.over?(state.validation), do: close_checks(state), else: run_checks(state)
   end
 
-  defp rest(state), do: %{state | checks: Checks.close(state.checks)}
+  defp close_checks(state), do: %{state | checks: Checks.close(state.checks)}
 
-  defp look_again(state) do
-    _ = Process.send_after(self(), :look, state.poll_ms)
-    {checks, events} = Checks.look(state.checks)
-    Enum.reduce(events ++ [:tick], %{state | checks: checks}, &happen/2)
+  defp run_checks(state) do
+    _ = Process.send_after(self(), :check, state.poll_ms)
+    {checks, events} = Checks.run(state.checks)
+    Enum.reduce(events ++ [:tick], %{state | checks: checks}, &handle_event/2)
   end
 
-  # Where the start could not look at the marker, as the board did not answer yet, it is done
-  # here.
-  defp ask(%{validation: %{phase: :asking}} = state) do
+  # Begins the trial again, in case the board did not answer during the start.
+  defp read_status(%{validation: %{phase: :asking}} = state) do
     _ = Trial.begin(state.folder, state.board)
-    happen({:status, Trial.status(state.folder, state.board)}, state)
+    handle_event({:status, Trial.status(state.folder, state.board)}, state)
   end
 
-  defp ask(state), do: note(state, now_ms())
+  defp read_status(state), do: write_notes(state, now_ms())
 
-  defp note(%{noted_ms: noted_ms} = state, now_ms)
+  defp write_notes(%{noted_ms: noted_ms} = state, now_ms)
        when is_integer(noted_ms) and now_ms - noted_ms < @note_ms,
        do: state
 
-  defp note(state, now_ms) do
+  defp write_notes(state, now_ms) do
     waits =
-      for reason <- Validation.reasons(state.validation, now_ms), do: "required: " <> said(reason)
+      for reason <- Validation.reasons(state.validation, now_ms),
+          do: "required: " <> format_reason(reason)
 
     left_s = div(state.validation.deadline_ms - now_ms, 1_000)
     _ = Trial.note(state.folder, ["the guard had #{left_s} s left" | waits])
     %{state | noted_ms: now_ms}
   end
 
-  defp said({check, reason}), do: "#{Findings.name(check)}: #{Findings.words(reason)}"
+  defp format_reason({check, reason}),
+    do: "#{Findings.format_check(check)}: #{Findings.format_reason(reason)}"
 
-  defp happen(event, state) do
+  defp handle_event(event, state) do
     {validation, effects} = Validation.handle(state.validation, event, now_ms())
-    Enum.reduce(effects, %{state | validation: validation}, &act/2)
+    Enum.reduce(effects, %{state | validation: validation}, &execute/2)
   end
 
-  defp act(:set_heart, state) do
+  defp execute(:set_heart, state) do
     :ok = Heart.wind(state.validation.deadline_ms)
-    told(Board.set_heart(state.board, Heart.callback()), "the heart's callback was not set")
+    log_error(Board.set_heart(state.board, Heart.callback()), "set the callback of the heart")
     state
   end
 
-  defp act(:clear_heart, state) do
-    told(Board.clear_heart(state.board, Heart.callback()), "the heart's callback was not cleared")
-    report(state, :validated)
+  defp execute(:clear_heart, state) do
+    log_error(Board.clear_heart(state.board, Heart.callback()), "clear the callback of the heart")
+    write_findings(state, :validated)
     _ = Story.tell(state.folder, "the firmware #{version(state)} works: it is validated")
     state
   end
 
-  defp act(:init_complete, state) do
-    told(Board.init_complete(state.board), "the watchdog was not told of the start")
+  defp execute(:init_complete, state) do
+    log_error(Board.init_complete(state.board), "report the start to the watchdog")
     state
   end
 
-  defp act(:validate, state) do
+  defp execute(:validate, state) do
     result = Trial.validate(state.folder, state.board)
-    told(result, "this firmware works, but validating it failed")
-    happen({:validation, result}, state)
+    log_error(result, "validate the firmware, which works")
+    handle_event({:validation, result}, state)
   end
 
-  # It may never return.
-  defp act(:revert, state) do
-    report(state, :reverted)
-    reasons = Enum.map_join(Validation.reasons(state.validation, now_ms()), "; ", &said/1)
+  # Reverts in a process of its own, because the call may never return.
+  defp execute(:revert, state) do
+    write_findings(state, :reverted)
+
+    reasons =
+      Enum.map_join(Validation.reasons(state.validation, now_ms()), "; ", &format_reason/1)
+
     _ = Trial.verdict(state.folder, @by)
 
     _ =
       Story.tell(state.folder, "the firmware #{version(state)} is reverted by #{@by}: #{reasons}")
 
     board = state.board
-    {:ok, _} = Task.start(fn -> told(Board.revert(board), "reverting failed") end)
+    {:ok, _} = Task.start(fn -> log_error(Board.revert(board), "revert the firmware") end)
     state
   end
 
-  defp report(state, outcome) do
-    report = %{
+  defp write_findings(state, outcome) do
+    findings = %{
       outcome: outcome,
       by: if(outcome == :reverted, do: @by),
       at: DateTime.utc_now(),
@@ -283,14 +304,16 @@ defmodule BB.Firmware.Guard do
       missing: Checks.missing(state.checks)
     }
 
-    if outcome == :reverted or report.missing != [], do: Logger.warning(Findings.text(report))
-    told(Findings.write(state.folder, report), "no report was written to #{state.folder}")
+    if outcome == :reverted or findings.missing != [], do: Logger.warning(Findings.text(findings))
+    log_error(Findings.write(state.folder, findings), "write the findings to #{state.folder}")
   end
 
   defp version(state), do: Board.firmware(state.board)["nerves_fw_version"] || "that runs"
 
-  defp told(:ok, _what), do: :ok
-  defp told({:error, reason}, what), do: Logger.error("#{what}: #{inspect(reason)}")
+  defp log_error(:ok, _action), do: :ok
+
+  defp log_error({:error, reason}, action),
+    do: Logger.error("could not #{action}: #{inspect(reason)}")
 
   defp now_ms, do: System.monotonic_time(:millisecond)
 

@@ -1,21 +1,24 @@
 defmodule BB.Firmware.HostKeys do
   @moduledoc """
-  The keys by which people recognise a board over ssh: what becomes of those that are damaged.
+  Renames damaged ssh host keys of a board. `BB.Firmware.Init` calls it before ssh starts.
 
-  `nerves_ssh` makes a key where it finds none that it can read, and writes it over the one that was there. So that a damaged one is
-  not lost without a word, it is renamed to `….corrupt` and logged, before ssh starts. The board then has a new key, and who logs
-  in is warned of that, as after a card was burned.
+      BB.Firmware.HostKeys.set_aside_damaged("/data/nerves_ssh")
+      #=> ["/data/nerves_ssh/ssh_host_ed25519_key"]
+
+  `nerves_ssh` overwrites a key that it cannot read with a new one. So that a damaged key is not
+  lost silently, it is renamed to `….corrupt` and logged. The board then has a new key, and ssh
+  clients warn about it, as after a card was burned.
   """
 
   require Logger
 
-  # It comes with the ssh of boards. On the host there may be none.
+  # The host may have no ssh application.
   @compile {:no_warn_undefined, :ssh_file}
 
-  # Those that nerves_ssh writes.
+  # The keys that nerves_ssh writes.
   @files %{"ssh_host_ed25519_key" => :"ssh-ed25519", "ssh_host_rsa_key" => :"ssh-rsa"}
 
-  @doc "Sets aside what is no key in that folder. Returns the files that it renamed. Never raises."
+  @doc "Renames files in a folder that are no keys. Returns the renamed files. Never raises."
   @spec set_aside_damaged(Path.t()) :: [Path.t()]
   def set_aside_damaged(folder) do
     for {name, algorithm} <- @files,
@@ -26,22 +29,23 @@ defmodule BB.Firmware.HostKeys do
         do: file
   end
 
-  # As the daemon reads it, so that both agree on what a key is.
+  # Reads the key with the code of the ssh daemon, so that both accept the same keys.
   defp read(algorithm, folder) do
     ssh_file().host_key(algorithm, system_dir: String.to_charlist(folder))
   catch
     kind, reason -> {:error, {kind, reason}}
   end
 
-  # Named so that nobody takes ssh for something that this application starts.
+  # A call by a variable, so that the compiler adds no dependency on the ssh application.
   defp ssh_file, do: :ssh_file
 
   defp set_aside(file, reason) do
     Logger.warning(
-      "the host key #{file} cannot be read (#{inspect(reason)}); it is now #{file}.corrupt, and this board gets a new one"
+      "the host key #{file} cannot be read (#{inspect(reason)}); renamed to #{file}.corrupt, " <>
+        "and this board gets a new one"
     )
 
     with {:error, posix} <- File.rename(file, file <> ".corrupt"),
-         do: Logger.error("#{file} was not renamed: #{posix}")
+         do: Logger.error("could not rename the host key #{file}: #{posix}")
   end
 end

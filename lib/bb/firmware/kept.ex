@@ -1,18 +1,21 @@
 defmodule BB.Firmware.Kept do
   @moduledoc """
-  Small texts that outlive a power failure: what the parts of the firmware know of the time before
-  a restart.
+  Small text files that survive a power failure. The parts of the firmware use them to remember
+  facts over restarts.
 
-  A file is written beside its place, forced to the disk and renamed, so that a power failure
-  leaves the old text or the new one. Each kind of file begins with a line of its own. A file that
-  does not, or is no text, is renamed to `….corrupt`, logged, and counts as missing.
+      BB.Firmware.Kept.write("/data/guard/restarts.txt", "ganglion restarts 1\n3\n")
+      BB.Firmware.Kept.read("/data/guard/restarts.txt", "ganglion restarts 1\n")
 
-  Nothing here raises: a folder that cannot be written to is `{:error, posix}`.
+  A file is written under another name, synced and renamed, so that a power failure leaves the old
+  text or the new one. Each kind of file begins with a line of its own. A file with another first
+  line, or that is no text, is renamed to `….corrupt`, logged, and counts as missing.
+
+  The functions never raise: a folder that cannot be written to is `{:error, posix}`.
   """
 
   require Logger
 
-  @doc "Writes `text`, which begins with the line of its kind, in the place of what was there."
+  @doc "Writes `text`, which begins with the line of its kind, and replaces the file."
   @spec write(Path.t(), String.t()) :: :ok | {:error, File.posix()}
   def write(file, text) do
     with :ok <- File.mkdir_p(Path.dirname(file)),
@@ -20,7 +23,7 @@ defmodule BB.Firmware.Kept do
          do: File.rename(file <> ".new", file)
   end
 
-  @doc "The text of a file whose first line is `first`; `nil` when there is none."
+  @doc "Returns the text of a file whose first line is `first`, or `nil`."
   @spec read(Path.t(), first :: String.t()) :: String.t() | nil
   def read(file, first) do
     with {:ok, text} <- File.read(file) do
@@ -30,7 +33,7 @@ defmodule BB.Firmware.Kept do
     end
   end
 
-  @doc "Removes a file. `:ok` also when there was none."
+  @doc "Removes a file. Returns `:ok` also when the file does not exist."
   @spec remove(Path.t()) :: :ok | {:error, File.posix()}
   def remove(file) do
     with {:error, reason} when reason not in [:enoent, :enotdir] <- File.rm(file),
@@ -38,7 +41,7 @@ defmodule BB.Firmware.Kept do
          else: (_gone -> :ok)
   end
 
-  @doc "A term as one line of text."
+  @doc "Formats a term as one line of text."
   @spec line(term()) :: String.t()
   def line(text) when is_binary(text) do
     if String.valid?(text),
@@ -57,7 +60,7 @@ defmodule BB.Firmware.Kept do
   end
 
   defp set_aside(file) do
-    Logger.warning("#{file} is not what this firmware writes there; it is now #{file}.corrupt")
+    Logger.warning("the file #{file} has no format of this firmware; renamed to #{file}.corrupt")
     _ = File.rename(file, file <> ".corrupt")
     nil
   end

@@ -1,36 +1,41 @@
 defmodule BB.Firmware.Network do
   @schema BB.Options.new!(
-            robot: [type: :module, required: true, doc: "The robot on whose pubsub it is told."],
+            robot: [type: :module, required: true, doc: "The robot that it publishes for."],
             name: [type: :any, default: __MODULE__, doc: "The name of the process."],
-            source: [
+            adapter: [
               type: {:tuple, [:module, :any]},
-              doc: "`BB.Firmware.Network.Adapter`; the configured one."
+              doc: "The network (`BB.Firmware.Network.Adapter`); default: the configured one."
             ],
+            source: [type: {:tuple, [:module, :any]}, doc: "Deprecated; use `adapter:`."],
             period_ms: [
               type: :pos_integer,
               default: 1_000,
-              doc: "Milliseconds between two messages while nothing changes."
+              doc: "The time in milliseconds between two messages while nothing changes."
             ],
             disarm_after_ms: [
               type: {:or, [:pos_integer, nil]},
               default: nil,
               doc:
-                "How long an armed robot may go without a sign of its operator; `nil` for ever."
+                "The time in milliseconds after which an armed robot without a sign of its " <>
+                  "operator is disarmed; `nil` for never."
             ]
           )
 
   @moduledoc """
-  The network, as a sensor of the robot's: `BB.Message.Network.Connection` on `[:sensor, :network]`, at each change, and each
-  period while nothing changes. The last one is kept (`BB.PubSub.last/2`).
-
-  A lost connection by itself changes nothing: a robot goes on with what it does. What a robot cannot do without is a person who
-  watches it, where it is declared to need one:
+  Publishes the state of the network as a sensor of the robot, and disarms a robot whose
+  operator is silent. Use it on boards; `BB.Firmware.Supervisor` starts it with the configured
+  options.
 
       config :ganglion, BB.Firmware.Network, disarm_after_ms: 2_000
 
-  An armed robot is then disarmed when for so long no message came at `[:operator]` or below. Whatever operates the robot publishes
-  there several times a second, by `sign/2`, in the node or over it: a lost connection, a crashed program and a sleeping
-  laptop are then the same. See `BB.Firmware.Network.Operator`.
+  It publishes `BB.Message.Network.Connection` on `[:sensor, :network]` at each change, and every
+  period while nothing changes. The last message is retained (`BB.PubSub.last/2`).
+
+  A lost connection by itself does not affect the robot. With `disarm_after_ms:` an armed robot is
+  disarmed when no message has come at `[:operator]` or below for that time. The program that
+  operates the robot calls `sign/2` several times a second, in this node or from another. So a
+  lost connection, a crashed program and a sleeping laptop have the same effect. See
+  `BB.Firmware.Network.Operator`.
 
   ## Options
 
@@ -48,17 +53,20 @@ defmodule BB.Firmware.Network do
 
   @path [:sensor, :network]
   @operator [:operator]
-  @looks_in_time 8
-  @longest_look_ms 250
+  @checks_in_time 8
+  @longest_check_ms 250
 
-  @doc "Starts it. Raises `BB.Options.ValidationError` for wrong options."
+  @doc "Starts the process. Raises `BB.Options.ValidationError` for wrong options."
   @spec start_link(keyword()) :: GenServer.on_start()
   def start_link(opts) do
     opts = BB.Options.validate!(opts, @schema)
     GenServer.start_link(__MODULE__, opts, name: opts[:name])
   end
 
-  @doc "A sign of life of the robot's operator, who may give a name. Raises `ArgumentError` when the robot is not started."
+  @doc """
+  Publishes a sign of life of the robot's operator, with an optional name. Raises
+  `ArgumentError` when the robot is not started.
+  """
   @spec sign(module(), String.t() | nil) :: :ok
   def sign(robot, name \\ nil),
     do:
@@ -70,64 +78,66 @@ defmodule BB.Firmware.Network do
 
   @impl GenServer
   def init(opts) do
-    source = opts[:source] || Adapter.configured()
+    adapter = opts[:adapter] || opts[:source] || Adapter.configured()
 
     state = %{
       robot: opts[:robot],
-      source: source,
+      adapter: adapter,
       connection: :unknown,
-      heard?: false,
+      subscribed?: false,
       period_ms: opts[:period_ms],
-      look_ms: look_ms(opts),
+      check_ms: check_ms(opts),
       operator: Operator.new(opts[:disarm_after_ms]),
       bus: nil,
       published_ms: nil,
       disarming: nil
     }
 
-    {:ok, state, {:continue, :look}}
+    {:ok, state, {:continue, :check}}
   end
 
   @impl GenServer
-  def handle_continue(:look, state), do: {:noreply, look(state)}
+  def handle_continue(:check, state), do: {:noreply, check(state)}
 
   @impl GenServer
-  def handle_info(:look, state), do: {:noreply, look(state)}
+  def handle_info(:check, state), do: {:noreply, check(state)}
 
   def handle_info({:bb, [:operator | _], _message}, state),
-    do: {:noreply, operate(state, :sign)}
+    do: {:noreply, handle_event(state, :sign)}
 
-  def handle_info({:bb_missed, _path, _count}, state), do: {:noreply, operate(state, :sign)}
+  def handle_info({:bb_missed, _path, _count}, state), do: {:noreply, handle_event(state, :sign)}
 
   def handle_info({:DOWN, ref, :process, _pid, _reason}, %{disarming: ref} = state),
     do: {:noreply, %{state | disarming: nil}}
 
   def handle_info(message, state) do
-    case Adapter.change(state.source, message) do
+    case Adapter.change(state.adapter, message) do
       {:ok, connection} -> {:noreply, publish(%{state | connection: connection})}
       :error -> {:noreply, state}
     end
   end
 
-  # Within what the operator may be late there are some looks.
-  defp look_ms(opts) do
-    wanted = Enum.min([opts[:period_ms], @longest_look_ms | late(opts[:disarm_after_ms])])
+  # Several checks within the time that the operator has.
+  defp check_ms(opts) do
+    wanted =
+      Enum.min([opts[:period_ms], @longest_check_ms | operator_period(opts[:disarm_after_ms])])
+
     max(1, wanted)
   end
 
-  defp late(nil), do: []
-  defp late(after_ms), do: [div(after_ms, @looks_in_time)]
+  defp operator_period(nil), do: []
+  defp operator_period(after_ms), do: [div(after_ms, @checks_in_time)]
 
-  defp look(state) do
-    _ = Process.send_after(self(), :look, state.look_ms)
-    state |> listen() |> attach() |> operate(:tick) |> publish_if_due()
+  defp check(state) do
+    _ = Process.send_after(self(), :check, state.check_ms)
+    state |> subscribe_network() |> subscribe_pubsub() |> handle_event(:tick) |> publish_if_due()
   end
 
-  # What tells of the network may start later than this, or have ended: the robot runs meanwhile.
-  defp listen(%{heard?: true} = state), do: state
+  # The network may start later than this process, or have ended.
+  defp subscribe_network(%{subscribed?: true} = state), do: state
 
-  defp listen(state) do
-    %{state | connection: Adapter.subscribe(state.source), heard?: true}
+  defp subscribe_network(state) do
+    %{state | connection: Adapter.subscribe(state.adapter), subscribed?: true}
   rescue
     _error -> state
   catch
@@ -135,7 +145,7 @@ defmodule BB.Firmware.Network do
   end
 
   # Subscriptions end with the robot's root.
-  defp attach(state) do
+  defp subscribe_pubsub(state) do
     case Process.whereis(state.robot) do
       nil -> %{state | bus: nil}
       bus when bus == state.bus -> state
@@ -148,21 +158,22 @@ defmodule BB.Firmware.Network do
     {:ok, _} = PubSub.subscribe(state.robot, @operator, max_queue: 100)
     state
   rescue
-    # The root is there, its bus is not yet.
+    # The root supervisor runs, and its pubsub does not run yet.
     ArgumentError -> %{state | bus: nil}
   end
 
-  defp operate(state, event) do
-    {operator, what} =
+  defp handle_event(state, event) do
+    {operator, effect} =
       Operator.handle(state.operator, event, Safety.armed?(state.robot), now_ms())
 
-    act(what, %{state | operator: operator})
+    execute(effect, %{state | operator: operator})
   end
 
-  # Handlers may take their time; signs and connections are heard meanwhile.
-  defp act(:disarm, %{disarming: nil} = state) do
+  # Disarms in a process of its own, so that messages are handled meanwhile.
+  defp execute(:disarm, %{disarming: nil} = state) do
     Logger.warning(
-      "#{inspect(state.robot)} is disarmed: no sign of its operator for #{state.operator.after_ms} ms"
+      "#{inspect(state.robot)} is disarmed: no sign of its operator " <>
+        "for #{state.operator.after_ms} ms"
     )
 
     robot = state.robot
@@ -170,7 +181,7 @@ defmodule BB.Firmware.Network do
     %{state | disarming: ref}
   end
 
-  defp act(_nothing, state), do: state
+  defp execute(_nothing, state), do: state
 
   defp publish_if_due(%{bus: nil} = state), do: state
   defp publish_if_due(%{published_ms: nil} = state), do: publish(state)
@@ -184,7 +195,7 @@ defmodule BB.Firmware.Network do
     :ok = PubSub.publish(state.robot, @path, message)
     %{state | published_ms: now_ms()}
   rescue
-    # The robot is not started; it is told when it is.
+    # The robot is not started. It is published again when the robot is.
     ArgumentError -> %{state | published_ms: nil}
   end
 

@@ -1,17 +1,21 @@
 defmodule BB.Firmware.Provisioning do
   @moduledoc """
-  What a card was told when it was burned: the robot's name on the network, and a Wi-Fi. `firmware/provisioning.conf` writes it beside the
-  firmware, so that updates leave it and one image serves many robots.
+  Applies the settings on a board's card: the robot's name on the network, and a Wi-Fi.
+  `firmware/provisioning.conf` writes them beside the firmware when a card is burned, so that
+  updates keep them and one image serves many robots. `BB.Firmware.Supervisor` starts it.
 
-  | name | what |
+      iex> BB.Firmware.Provisioning.steps(%{"name" => "ada"})
+      [name: "ada"]
+
+  | setting | meaning |
   |---|---|
-  | `name` | the robot's, by mDNS `<name>.local` |
-  | `wifi_ssid`, `wifi_passphrase` | a Wi-Fi to join; without a passphrase an open one |
+  | `name` | the robot's mDNS name, `<name>.local` |
+  | `wifi_ssid`, `wifi_passphrase` | a Wi-Fi to join; an open one without a passphrase |
   | `wifi_country` | two letters, for the channels that are allowed there |
 
-  It is done once, when the application starts, and leaves no process. What cannot be done, or
-  does not return in time, is logged without what was told, and the robot runs all the same. A
-  Wi-Fi that a person sets up on the board itself goes before the card's.
+  It runs once, when the application starts, and leaves no process. A step that fails or does not
+  return in time is logged without the settings, and the robot runs all the same. A Wi-Fi that a
+  person sets up on the board overrides the Wi-Fi of the card.
   """
 
   require Logger
@@ -26,8 +30,10 @@ defmodule BB.Firmware.Provisioning do
     do: %{id: __MODULE__, start: {__MODULE__, :start_link, [opts]}, restart: :transient}
 
   @doc """
-  Does it, and always returns `:ignore`. Options: `board:` and `network:`, without which they are
-  the configured ones, and `limit_ms:` (#{@limit_ms}) for each step.
+  Applies the settings and returns `:ignore`.
+
+  Options: `board:` and `network:` (default: the configured ones), and `limit_ms:`
+  (#{@limit_ms}) for each step.
   """
   @spec start_link(keyword()) :: :ignore
   def start_link(opts) do
@@ -35,46 +41,49 @@ defmodule BB.Firmware.Provisioning do
     board = opts[:board] || Board.configured()
     once = [attempts: 1, limit_ms: opts[:limit_ms] || @limit_ms]
 
-    with {:ok, told} <-
-           Attempt.run("what the card was told", fn -> Board.provisioned(board) end, once) do
-      for step <- steps(told), do: Attempt.run(what(step), fn -> take(step, network) end, once)
+    with {:ok, settings} <-
+           Attempt.run("read the card's settings", fn -> Board.provisioned(board) end, once) do
+      for step <- steps(settings),
+          do: Attempt.run(describe(step), fn -> take(step, network) end, once)
     end
 
     :ignore
   end
 
   # Without the passphrase.
-  defp what({:name, name}), do: "the name #{inspect(name)}"
-  defp what({:join, wifi}), do: "the Wi-Fi #{inspect(wifi.ssid)}"
+  defp describe({:name, name}), do: "set the name #{inspect(name)}"
+  defp describe({:join, wifi}), do: "set up the Wi-Fi #{inspect(wifi.ssid)}"
 
   @doc """
-  What follows from what the card was told.
+  Returns the steps for the settings of a card.
 
-      iex> BB.Firmware.Provisioning.steps(%{"name" => "ada", "wifi_ssid" => "lab", "wifi_passphrase" => "12345678"})
-      [name: "ada", join: %{ssid: "lab", passphrase: "12345678", country: nil}]
+      iex> card = %{"wifi_ssid" => "lab", "wifi_passphrase" => "12345678"}
+      iex> BB.Firmware.Provisioning.steps(card)
+      [join: %{ssid: "lab", passphrase: "12345678", country: nil}]
       iex> BB.Firmware.Provisioning.steps(%{"wifi_passphrase" => "of no network"})
       []
   """
   @spec steps(%{String.t() => String.t()}) :: [name: String.t(), join: Adapter.wifi()]
-  def steps(told) do
-    wifi = for ssid <- List.wrap(told["wifi_ssid"]), do: {:join, wifi(ssid, told)}
-    for(name <- List.wrap(told["name"]), do: {:name, name}) ++ wifi
+  def steps(settings) do
+    wifi = for ssid <- List.wrap(settings["wifi_ssid"]), do: {:join, wifi(ssid, settings)}
+    for(name <- List.wrap(settings["name"]), do: {:name, name}) ++ wifi
   end
 
-  defp wifi(ssid, told),
-    do: %{ssid: ssid, passphrase: told["wifi_passphrase"], country: told["wifi_country"]}
+  defp wifi(ssid, settings),
+    do: %{ssid: ssid, passphrase: settings["wifi_passphrase"], country: settings["wifi_country"]}
 
-  defp take({:name, name}, network),
-    do: told(Adapter.name(network, name), "the name #{inspect(name)} was not taken")
+  defp take({:name, name} = step, network),
+    do: log_error(Adapter.name(network, name), step)
 
-  defp take({:join, wifi}, network),
-    do:
-      told(unnamed(Adapter.join(network, wifi)), "the Wi-Fi #{inspect(wifi.ssid)} was not set up")
+  defp take({:join, wifi} = step, network),
+    do: network |> Adapter.join(wifi) |> hide_reason() |> log_error(step)
 
-  # Whatever is no plain word may have the passphrase in it.
-  defp unnamed({:error, reason}) when not is_atom(reason), do: {:error, :refused}
-  defp unnamed(result), do: result
+  # A reason that is no atom may contain the passphrase.
+  defp hide_reason({:error, reason}) when not is_atom(reason), do: {:error, :refused}
+  defp hide_reason(result), do: result
 
-  defp told(:ok, _what), do: :ok
-  defp told({:error, reason}, what), do: Logger.error("#{what}: #{inspect(reason)}")
+  defp log_error(:ok, _step), do: :ok
+
+  defp log_error({:error, reason}, step),
+    do: Logger.error("could not #{describe(step)}: #{inspect(reason)}")
 end

@@ -1,26 +1,27 @@
 defmodule BB.Firmware.Robots do
   @moduledoc """
-  The robots of this VM, as safety knows them: for what concerns all of them, an update or a
-  restart of the board.
+  All robots of this VM that safety knows. Updates and restarts of the board use it.
 
-  It answers also where safety is gone. Without its tables no robot is armed, since whatever acts
-  asks them first.
+      BB.Firmware.Robots.disarm(BB.Firmware.Robots.known())
+
+  The functions work without the tables of safety too: without them no robot is armed.
   """
 
   alias BB.Safety
   alias BB.Safety.Records
 
-  @doc "All robots that safety knows."
+  @doc "Returns all robots that safety knows."
   @spec known() :: [module()]
   def known do
     if Records.running?(), do: Enum.map(Records.records(), & &1.robot), else: []
   rescue
-    # The tables have just gone.
+    # The tables were deleted a moment ago.
     ArgumentError -> []
   end
 
   @doc """
-  The one state that stands for all of them: `:armed` if any is, then `:disarming`, then `:error`.
+  Returns the common state of robots: `:armed` if one is armed, else `:disarming`, else
+  `:error`, else `:disarmed`.
 
       iex> BB.Firmware.Robots.state([NoRobot])
       :disarmed
@@ -31,7 +32,7 @@ defmodule BB.Firmware.Robots do
     Enum.find([:armed, :disarming, :error], :disarmed, &(&1 in states))
   end
 
-  @doc "Disarms them, all at once, each within `limit_ms`."
+  @doc "Disarms robots, all at once, and waits at most `limit_ms`."
   @spec disarm([module()], pos_integer()) :: :ok
   def disarm(robots, limit_ms \\ 10_000) do
     refs = for robot <- robots, {_pid, ref} = spawn_monitor(Safety, :disarm, [robot]), do: ref

@@ -1,15 +1,15 @@
 defmodule BB.Firmware.Supervisor do
   @moduledoc """
-  Who watches over a robot's firmware, apart from the robot:
+  Supervises the processes that guard a robot's firmware, apart from the robot:
 
       BB.Firmware.Supervisor         one_for_one
-      ├── BB.Firmware.Provisioning   once, leaves no process
-      ├── BB.Firmware.Guard          each behind a bulkhead of its own
+      ├── BB.Firmware.Provisioning   runs once, leaves no process
+      ├── BB.Firmware.Guard          each with a bulkhead of its own
       ├── BB.Firmware.Gate
       └── BB.Firmware.Network
 
-  None of them, and no robot, spends the restarts of another (`BB.Process.Bulkhead`). The options
-  of each are those that are configured under its name:
+  No child, and no robot, spends the restarts of another (`BB.Process.Bulkhead`). The
+  configuration has the options of each child under its name:
 
       config :ganglion, BB.Firmware.Guard, reach: :lan
   """
@@ -21,7 +21,7 @@ defmodule BB.Firmware.Supervisor do
 
   @restarts [max_restarts: 1_000, max_seconds: 1]
 
-  @doc "Starts them for `robot:`, with the name `name:`."
+  @doc "Starts the supervisor for `robot:`, with the name `name:`."
   @spec start_link(robot: module(), name: atom()) :: Supervisor.on_start()
   def start_link(opts) do
     opts = Keyword.validate!(opts, [:robot, name: __MODULE__])

@@ -1,23 +1,27 @@
 defmodule BB.Firmware.Trial do
   @moduledoc """
-  The trial of an update, over restarts: who is on trial, and what became of those before.
+  Follows the trial of an update over restarts of the board. A program that writes firmware
+  without `BB.Firmware.Gate` calls `accepted/3` before and `written/1` after the write:
 
-  A board that goes back to its old firmware by itself - the guard never ran, the power failed,
-  heart or watchdog restarted the board - tells nobody. So a marker is written to the guard's
-  folder before the first restart (`accepted/3`, `written/1`), the new firmware writes into it
-  that it has started (`begin/3`), and whichever firmware starts next sees from it what happened.
-  Each revert leaves a report (`BB.Firmware.Trial.Findings`) and a line of the story
-  (`BB.Firmware.Story`), whoever made it.
+      :ok = BB.Firmware.Trial.accepted("/data/guard", BB.Firmware.Board.configured())
+      write_image()
+      :ok = BB.Firmware.Trial.written("/data/guard")
 
-  A board without a fallback of its own (x86_64) says `:validated` or `:unknown` of an update too.
-  With a marker the guard knows that it is on trial all the same, and reverts it if need be:
-  `status/2` is what the rest of the firmware asks.
+  A board may revert by itself: because the guard never ran, the power failed, or the heart or the
+  watchdog restarted the board. To detect this, a marker is written to the guard's folder before
+  the first restart (`accepted/3`, `written/1`). The new firmware adds that it has started
+  (`begin/3`), and the firmware that starts next reads the outcome from the marker. Each revert
+  writes findings (`BB.Firmware.Trial.Findings`) and a line of the story (`BB.Firmware.Story`).
 
-  What was reverted once is refused as a firmware to go back to (`refused?/2`); where the board
-  can, its slot is closed too.
+  A board without validation (x86_64) reports `:validated` or `:unknown` also for an update. The
+  marker shows the guard that the firmware is on trial, so that it can revert it: the other
+  parts of the firmware call `status/2`.
 
-  `BB.Firmware.Trial.Marker` decides, this module acts. Nothing here raises for what a board or a
-  disk does.
+  Firmware that was reverted once is refused as the target of a later revert (`refused?/2`). If
+  the board supports it, its slot is closed too.
+
+  `BB.Firmware.Trial.Marker` decides, and this module acts. No function raises because of a
+  board or a disk.
   """
 
   alias BB.Firmware.{Board, Kept, Story}
@@ -29,38 +33,38 @@ defmodule BB.Firmware.Trial do
   @refused_count 20
 
   @doc """
-  Looks at the marker at the start of the machine. Called twice in one start it changes nothing
-  the second time.
+  Evaluates the marker at the start of the board. A second call in the same start changes nothing.
 
-  `{:error, reason}` when the board does not say what runs; then it can be called again.
+  Returns `{:error, reason}` when the board does not tell its firmware; it can be called again
+  then.
   """
   @spec begin(Path.t(), Board.t(), boot :: String.t()) :: :ok | {:error, term()}
   def begin(folder, board, boot \\ boot()) do
     with {:ok, running} <- running(board) do
       before = read(folder)
       {marker, actions} = Marker.at_start(before, running, boot)
-      _ = if marker != before, do: keep(folder, marker)
-      Enum.each(actions, &act(&1, folder, board, running))
+      _ = if marker != before, do: put_marker(folder, marker)
+      Enum.each(actions, &execute(&1, folder, board, running))
     end
   end
 
-  @doc "An upload was let in: what runs now is the firmware that an update would leave."
+  @doc "Records that an upload was accepted, and which firmware runs now."
   @spec accepted(Path.t(), Board.t(), boot :: String.t()) :: :ok | {:error, term()}
   def accepted(folder, board, boot \\ boot()),
-    do: keep(folder, %Marker{state: :accepted, boot: boot, from: id(board)})
+    do: put_marker(folder, %Marker{state: :accepted, boot: boot, from: id(board)})
 
-  @doc "The image is in place, and the board is about to restart with it."
+  @doc "Records that the firmware was written, and the board is about to restart."
   @spec written(Path.t()) :: :ok | {:error, term()}
   def written(folder) do
     case read(folder) do
-      %Marker{state: :accepted} = marker -> keep(folder, %{marker | state: :written})
+      %Marker{state: :accepted} = marker -> put_marker(folder, %{marker | state: :written})
       _other -> :ok
     end
   end
 
   @doc """
-  The state of the running firmware: the board's own, and `:unvalidated` also for firmware that
-  the guard tries, because the board has no such state.
+  Returns the state of the running firmware: the state of the board, or `:unvalidated` for
+  firmware that is on trial by the marker alone.
   """
   @spec status(Path.t(), Board.t()) :: Board.status() | {:error, term()}
   def status(folder, board) do
@@ -68,7 +72,7 @@ defmodule BB.Firmware.Trial do
     if status in [:validated, :unknown] and tried?(folder, board), do: :unvalidated, else: status
   end
 
-  @doc "Whether the running firmware is on trial by the guard alone."
+  @doc "Returns whether the running firmware is on trial by the marker alone."
   @spec tried?(Path.t(), Board.t()) :: boolean()
   def tried?(folder, board) do
     case read(folder) do
@@ -77,7 +81,7 @@ defmodule BB.Firmware.Trial do
     end
   end
 
-  @doc "The firmware works: it stays."
+  @doc "Validates the running firmware, and ends its trial."
   @spec validate(Path.t(), Board.t()) :: :ok | {:error, term()}
   def validate(folder, board) do
     with :ok <- if(tried?(folder, board), do: :ok, else: Board.validate(board)),
@@ -87,35 +91,36 @@ defmodule BB.Firmware.Trial do
   end
 
   @doc """
-  What is known of the trial until now, a line for each thing, for the case that nobody can tell
-  later.
+  Records facts about the trial in the marker, a line for each, in case the trial ends without a
+  verdict.
   """
   @spec note(Path.t(), [String.t()]) :: :ok | {:error, term()}
   def note(folder, notes),
-    do: change(folder, &%{&1 | notes: Enum.map(notes, fn note -> Kept.line(note) end)})
+    do: update_marker(folder, &%{&1 | notes: Enum.map(notes, fn note -> Kept.line(note) end)})
 
-  @doc "Who has reverted the firmware. The report of it is written by the same."
+  @doc "Records which part reverts the firmware. That part also writes the findings."
   @spec verdict(Path.t(), by :: String.t()) :: :ok | {:error, term()}
-  def verdict(folder, by), do: change(folder, &%{&1 | verdict: Kept.line(by)})
+  def verdict(folder, by), do: update_marker(folder, &%{&1 | verdict: Kept.line(by)})
 
   @doc """
-  Reverts the running firmware, after who does it and why were told. It may never return.
+  Reverts the running firmware, after it has written the findings and the story. It may never
+  return.
   """
   @spec revert(Path.t(), Board.t(), by :: String.t(), [String.t()]) :: :ok | {:error, term()}
   def revert(folder, board, by, notes) do
     firmware = Board.firmware(board)
-    _ = report(folder, firmware, by, notes)
+    _ = write_findings(folder, firmware, by, notes)
     _ = verdict(folder, by)
     version = firmware["nerves_fw_version"] || "that runs"
     _ = Story.tell(folder, "the firmware #{version} is reverted by #{by}")
     Board.revert(board)
   end
 
-  @doc "Whether the firmware of that uuid was on trial once, and did not stay."
+  @doc "Returns whether the firmware with that uuid was on trial once and was reverted."
   @spec refused?(Path.t(), uuid :: String.t() | nil) :: boolean()
   def refused?(folder, uuid), do: uuid in refused(folder)
 
-  @doc "The name of this start of the machine."
+  @doc "Returns the id of this start of the machine."
   @spec boot() :: String.t()
   def boot do
     case File.read("/proc/sys/kernel/random/boot_id") do
@@ -124,27 +129,27 @@ defmodule BB.Firmware.Trial do
     end
   end
 
-  # What is done
+  # Actions
 
-  # The report of who gave a verdict is there already.
-  defp act({:reverted, %{verdict: nil} = marker, by}, folder, board, running) do
-    _ = tell(folder, marker, by)
-    close(folder, board, running, marker)
+  # The part that gave a verdict has already written the findings.
+  defp execute({:reverted, %{verdict: nil} = marker, by}, folder, board, running) do
+    _ = record_revert(folder, marker, by)
+    close_slot(folder, board, running, marker)
   end
 
-  defp act({:reverted, marker, _by}, folder, board, running),
-    do: close(folder, board, running, marker)
+  defp execute({:reverted, marker, _by}, folder, board, running),
+    do: close_slot(folder, board, running, marker)
 
-  defp act({:revert, marker}, folder, board, _running) do
-    _ = tell(folder, marker, marker.verdict)
+  defp execute({:revert, marker}, folder, board, _running) do
+    _ = record_revert(folder, marker, marker.verdict)
     Board.revert(board)
   end
 
-  defp act({:give_up, marker}, folder, _board, _running) do
-    Story.tell(folder, "#{named(marker)} could not be reverted, and stays")
+  defp execute({:give_up, marker}, folder, _board, _running) do
+    Story.tell(folder, "#{describe(marker)} could not be reverted, and stays")
   end
 
-  defp tell(folder, marker, by) do
+  defp record_revert(folder, marker, by) do
     firmware =
       for {name, value} when value != nil <- [
             {"nerves_fw_uuid", uuid(marker.firmware)},
@@ -154,14 +159,14 @@ defmodule BB.Firmware.Trial do
           do: {name, value}
 
     _ =
-      report(folder, firmware, by, [
+      write_findings(folder, firmware, by, [
         "starts of it that were seen: #{marker.starts}" | marker.notes
       ])
 
-    Story.tell(folder, "#{named(marker)} was reverted by #{by}")
+    Story.tell(folder, "#{describe(marker)} was reverted by #{by}")
   end
 
-  defp report(folder, firmware, by, notes) do
+  defp write_findings(folder, firmware, by, notes) do
     Findings.write(folder, %{
       outcome: :reverted,
       at: DateTime.utc_now(),
@@ -173,21 +178,22 @@ defmodule BB.Firmware.Trial do
     })
   end
 
-  # Only once the running firmware is known to stay, for it is the only one then.
-  defp close(folder, board, %{status: status}, marker) when status in [:validated, :unknown] do
+  # Closes the other slot only when the running firmware stays, because it is the only one then.
+  defp close_slot(folder, board, %{status: status}, marker)
+       when status in [:validated, :unknown] do
     _ = refuse(folder, uuid(marker.firmware))
     _ = spawn(fn -> Board.prevent_revert(board) end)
     :ok
   end
 
-  defp close(folder, _board, _running, marker), do: refuse(folder, uuid(marker.firmware))
+  defp close_slot(folder, _board, _running, marker), do: refuse(folder, uuid(marker.firmware))
 
-  defp named(marker), do: "the firmware #{marker.version || uuid(marker.firmware)} on trial"
+  defp describe(marker), do: "the firmware #{marker.version || uuid(marker.firmware)} on trial"
 
   defp uuid(nil), do: nil
   defp uuid({uuid, _slot}), do: uuid
 
-  # What runs
+  # The running firmware
 
   defp running(board) do
     case {id(board), Board.validation_status(board)} do
@@ -204,7 +210,7 @@ defmodule BB.Firmware.Trial do
 
   defp version(board), do: Board.firmware(board)["nerves_fw_version"]
 
-  # What is kept
+  # Files
 
   defp read(folder) do
     with @first <> text <- Kept.read(file(folder), @first),
@@ -213,25 +219,25 @@ defmodule BB.Firmware.Trial do
          else: (_nothing -> nil)
   end
 
-  defp change(folder, fun) do
+  defp update_marker(folder, fun) do
     case read(folder) do
-      %Marker{state: :started} = marker -> keep(folder, fun.(marker))
+      %Marker{state: :started} = marker -> put_marker(folder, fun.(marker))
       _other -> :ok
     end
   end
 
-  defp keep(folder, nil), do: Kept.remove(file(folder))
-  defp keep(folder, marker), do: Kept.write(file(folder), @first <> Marker.encode(marker))
+  defp put_marker(folder, nil), do: Kept.remove(file(folder))
+  defp put_marker(folder, marker), do: Kept.write(file(folder), @first <> Marker.encode(marker))
 
   defp refuse(_folder, nil), do: :ok
 
   defp refuse(folder, uuid),
-    do: keep_refused(folder, Enum.take([uuid | refused(folder) -- [uuid]], @refused_count))
+    do: put_refused(folder, Enum.take([uuid | refused(folder) -- [uuid]], @refused_count))
 
-  # It was refused, came again, and works now.
+  # A firmware that was refused before works now.
   defp allow(folder, {uuid, _slot}) do
     refused = refused(folder)
-    if uuid in refused, do: keep_refused(folder, refused -- [uuid]), else: :ok
+    if uuid in refused, do: put_refused(folder, refused -- [uuid]), else: :ok
   end
 
   defp allow(_folder, nil), do: :ok
@@ -243,7 +249,7 @@ defmodule BB.Firmware.Trial do
     end
   end
 
-  defp keep_refused(folder, uuids),
+  defp put_refused(folder, uuids),
     do: Kept.write(refused_file(folder), @refused <> Enum.map_join(uuids, &(&1 <> "\n")))
 
   defp file(folder), do: Path.join(folder, "trial.txt")

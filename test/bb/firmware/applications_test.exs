@@ -91,7 +91,7 @@ defmodule BB.Firmware.ApplicationsTest do
     kill(app)
     eventually(fn -> story?(folder, "the application #{app} runs again") end, 30_000)
     assert running?(app)
-    assert story?(folder, "#{app} ended (:killed); it is started again (1 of 4)")
+    assert story?(folder, "#{app} ended (:killed); start 1 of 4 follows")
     refute_received {Memory, _}
   end
 
@@ -100,7 +100,7 @@ defmodule BB.Firmware.ApplicationsTest do
     for _ <- 1..5, do: kill(app)
     assert_receive {Memory, :reboot}, 30_000
     assert story?(folder, "(4 of 4)")
-    assert story?(folder, "that does not help; the board restarts (time 1)")
+    assert story?(folder, "starts do not help; the board restarts (time 1)")
     refute_received {Memory, :revert}
   end
 
@@ -119,7 +119,7 @@ defmodule BB.Firmware.ApplicationsTest do
     # The next start of the board: the same, but for the cause.
     other = restarter(folder, memory, [app, dependent], [])
     Application.put_env(app, :fail, false)
-    Restarter.tell(other.restarter, {:ended, app, :no_such_chip})
+    Restarter.handle_event(other.restarter, {:ended, app, :no_such_chip})
     eventually(fn -> running?(app) and running?(dependent) end, 30_000)
   end
 
@@ -138,32 +138,32 @@ defmodule BB.Firmware.ApplicationsTest do
 
     for n <- 1..3 do
       %{restarter: restarter} = restarter(folder, memory, [app], [])
-      for _ <- 1..5, do: Restarter.tell(restarter, {:ended, app, :no_such_chip})
+      for _ <- 1..5, do: Restarter.handle_event(restarter, {:ended, app, :no_such_chip})
       assert_receive {Memory, :reboot}, 30_000
       assert story?(folder, "the board restarts (time #{n})")
     end
 
     %{restarter: restarter} = restarter(folder, memory, [app], [])
-    for _ <- 1..5, do: Restarter.tell(restarter, {:ended, app, :no_such_chip})
+    for _ <- 1..5, do: Restarter.handle_event(restarter, {:ended, app, :no_such_chip})
     assert_receive {Memory, :init_complete}, 30_000
     eventually(fn -> story?(folder, "stays up for an update") end, 30_000)
     refute_received {Memory, :reboot}
 
     # How it began stays in the story, however long it goes on.
-    for _ <- 1..200, do: Restarter.tell(restarter, {:ended, app, :no_such_chip})
+    for _ <- 1..200, do: Restarter.handle_event(restarter, {:ended, app, :no_such_chip})
     _ = :sys.get_state(restarter, 30_000)
     assert story?(folder, "the board restarts (time 1)")
     assert Enum.count(Story.recent(folder), &(&1 =~ "stays up for an update")) == 1
 
     Application.stop(app)
     Application.stop(context.dependent)
-    Restarter.tell(restarter, {:ended, app, :no_such_chip})
+    Restarter.handle_event(restarter, {:ended, app, :no_such_chip})
     eventually(fn -> running?(app) end, 30_000)
   end
 
   test "restarts of the board are forgotten once all has run for a while", context do
     %{app: app, memory: memory, folder: folder} = context
-    for _ <- 1..5, do: Restarter.tell(context.restarter, {:ended, app, :no_such_chip})
+    for _ <- 1..5, do: Restarter.handle_event(context.restarter, {:ended, app, :no_such_chip})
     assert_receive {Memory, :reboot}, 30_000
     file = Path.join(folder, "restarts.txt")
     assert File.exists?(file)
@@ -175,7 +175,7 @@ defmodule BB.Firmware.ApplicationsTest do
     %{app: app, memory: memory, folder: folder} = context
     File.write!(Path.join(folder, "file"), "")
     %{restarter: restarter} = restarter(Path.join(folder, "file"), memory, [app], [])
-    for _ <- 1..5, do: Restarter.tell(restarter, {:ended, app, :no_such_chip})
+    for _ <- 1..5, do: Restarter.handle_event(restarter, {:ended, app, :no_such_chip})
     _ = :sys.get_state(restarter, 30_000)
     refute_received {Memory, _}
   end
@@ -200,7 +200,7 @@ defmodule BB.Firmware.ApplicationsTest do
     own = [board: {Memory, memory}, public_key: key, folder: folder, settle_ms: 0]
     assert {:ok, _} = BB.Firmware.Gate.precheck(gate, own)
     %{restarter: restarter} = restarter(folder, memory, [app], gate: gate)
-    for _ <- 1..5, do: Restarter.tell(restarter, {:ended, app, :no_such_chip})
+    for _ <- 1..5, do: Restarter.handle_event(restarter, {:ended, app, :no_such_chip})
     _ = :sys.get_state(restarter, 30_000)
     refute_received {Memory, :reboot}
 

@@ -28,11 +28,11 @@ defmodule BB.Firmware.AttemptTest do
       end
 
       opts = Keyword.put(@quick, :limit_ms, Keyword.get(@limit_ms, unquote(what), 30_000))
-      log = capture_log(fn -> assert Attempt.run("the step", fun, opts) == :error end)
+      log = capture_log(fn -> assert Attempt.run("take the step", fun, opts) == :error end)
       assert_received :tried
       assert_received :tried
       refute_received _nothing_else
-      assert log =~ "the step: the start goes on without it"
+      assert log =~ "could not take the step; the start continues without it"
     end
   end
 
@@ -43,7 +43,7 @@ defmodule BB.Firmware.AttemptTest do
       if Agent.get_and_update(count, &{&1, &1 + 1}) == 0, do: exit(:late), else: :mounted
     end
 
-    capture_log(fn -> assert Attempt.run("mounting", fun, @quick) == {:ok, :mounted} end)
-    assert Attempt.run("mounting", fn -> nil end, @quick) == {:ok, nil}
+    capture_log(fn -> assert Attempt.run("mount", fun, @quick) == {:ok, :mounted} end)
+    assert Attempt.run("mount", fn -> nil end, @quick) == {:ok, nil}
   end
 end

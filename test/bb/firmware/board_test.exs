@@ -4,6 +4,7 @@ defmodule BB.Firmware.BoardTest do
   alias BB.Firmware.Board
 
   doctest Board
+  doctest BB.Firmware.Board.None
 
   defmodule Wild do
     def validate(:raise), do: raise("no card")

@@ -65,7 +65,7 @@ defmodule BB.Firmware.GateTest do
 
   test "an update is refused while the robot is armed", %{gate: gate, robot: robot} do
     :ok = Safety.arm(robot)
-    assert {_, {:error, "the robot is armed: disarm it first\n"}} = upload(gate)
+    assert {_, {:error, "the robot is armed; disarm it first\n"}} = upload(gate)
     assert Safety.inhibitions(robot) == []
   end
 
@@ -78,7 +78,7 @@ defmodule BB.Firmware.GateTest do
 
   test "an update is refused when the public key is missing or empty", %{gate: gate, key: key} do
     File.write!(key, "")
-    assert {_, {:error, "no signature could be checked" <> _}} = upload(gate)
+    assert {_, {:error, "signatures cannot be checked" <> _}} = upload(gate)
     File.rm!(key)
     assert {_, {:error, text}} = upload(gate)
     assert text =~ "#{key} is missing"
@@ -116,7 +116,7 @@ defmodule BB.Firmware.GateTest do
     assert Gate.written(context.gate) == :ok
     assert_receive {Memory, :reboot}
     assert Safety.state(context.robot) == :disarmed
-    assert {_, {:error, "an update has been written" <> _}} = upload(context.gate)
+    assert {_, {:error, "an update was written" <> _}} = upload(context.gate)
   end
 
   test "a robot that is armed all the same is disarmed before the restart", context do
@@ -154,7 +154,7 @@ defmodule BB.Firmware.GateTest do
     finish(second)
     waiting = Task.async(fn -> Gate.precheck(gate) end)
     assert Gate.written(gate) == :ok
-    assert {:error, "an update has been written" <> _} = Task.await(waiting, 30_000)
+    assert {:error, "an update was written" <> _} = Task.await(waiting, 30_000)
     forget(gate)
   end
 
@@ -182,7 +182,7 @@ defmodule BB.Firmware.GateTest do
 
     start_supervised!(other)
     :ok = Safety.arm(other)
-    assert {_, {:error, "the robot is armed: disarm it first\n"}} = upload(gate)
+    assert {_, {:error, "the robot is armed; disarm it first\n"}} = upload(gate)
     :ok = Safety.disarm(other)
     {_, {:ok, _}} = upload(gate)
     assert Safety.arm(other) == {:error, {:inhibited, [{[:firmware, :update], :update}]}}
@@ -227,7 +227,7 @@ defmodule BB.Firmware.GateTest do
       :ok = Safety.disarm(context.robot)
       File.rm!(context.key)
 
-      assert {_, {:error, "no signature could be checked" <> _}} =
+      assert {_, {:error, "signatures cannot be checked" <> _}} =
                upload(context.gate, context.own)
 
       # What is not configured has its default, which the host has not.
@@ -248,7 +248,7 @@ defmodule BB.Firmware.GateTest do
       finish(uploader)
       Memory.answer(context.memory, :validation_status, :unvalidated)
       assert {_, {:error, text}} = upload(context.gate, context.own)
-      assert text =~ "goes back to the firmware before"
+      assert text =~ "reverts to the previous firmware"
     end
 
     test "options that are wrong do not keep an update out", context do
@@ -264,7 +264,7 @@ defmodule BB.Firmware.GateTest do
       assert_receive {Memory, :reboot}
       assert Safety.state(context.robot) == :disarmed
       assert Gate.busy?(context.gate)
-      assert {_, {:error, "an update has been written" <> _}} = upload(context.gate, context.own)
+      assert {_, {:error, "an update was written" <> _}} = upload(context.gate, context.own)
     end
 
     test "a gate that comes back knows whom was let in", context do

@@ -288,7 +288,9 @@ defmodule BB.Firmware.GuardTest do
 
     guard(context, robot, hopeless(state: :disconnected))
     assert_receive {Memory, :revert}
-    assert Findings.read(context.tmp_dir, :reverted) =~ "network: disconnected, and lan is wanted"
+
+    assert Findings.read(context.tmp_dir, :reverted) =~
+             "network: disconnected, and lan is required"
 
     stop_supervised!(Guard)
     guard(context, robot, state: :disconnected, reach: :none)

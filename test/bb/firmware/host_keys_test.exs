@@ -22,7 +22,7 @@ defmodule BB.Firmware.HostKeysTest do
 
       log = capture_log(fn -> assert HostKeys.set_aside_damaged(folder) == [file] end)
 
-      assert log =~ "it is now #{file}.corrupt"
+      assert log =~ "renamed to #{file}.corrupt"
       refute File.exists?(file)
       assert File.read!(file <> ".corrupt") == unquote(content)
       assert HostKeys.set_aside_damaged(folder) == []

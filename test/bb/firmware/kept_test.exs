@@ -29,7 +29,7 @@ defmodule BB.Firmware.KeptTest do
     for size <- 0..(byte_size(@first) - 1) do
       File.write!(file, binary_part(text, 0, size))
       log = capture_log(fn -> assert Kept.read(file, @first) == nil end)
-      assert log =~ "it is now #{file}.corrupt"
+      assert log =~ "renamed to #{file}.corrupt"
       assert File.read!(file <> ".corrupt") == binary_part(text, 0, size)
     end
 

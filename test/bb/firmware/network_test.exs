@@ -24,7 +24,7 @@ defmodule BB.Firmware.NetworkTest do
     defaults = [
       robot: context.robot,
       name: nil,
-      source: {BB.Test.Network, context.source},
+      adapter: {BB.Test.Network, context.source},
       period_ms: 60_000
     ]
 
@@ -54,7 +54,7 @@ defmodule BB.Firmware.NetworkTest do
     flag = start_supervised!({Agent, fn -> false end})
     start_supervised!(context.robot)
     {:ok, _} = BB.subscribe(context.robot, [:sensor, :network])
-    network(context, source: {Late, flag}, period_ms: 20)
+    network(context, adapter: {Late, flag}, period_ms: 20)
     assert_receive {:bb, _, %{payload: %Connection{state: :unknown}}}, 30_000
     Agent.update(flag, fn _ -> true end)
     assert_receive {:bb, _, %{payload: %Connection{state: :internet}}}, 30_000
@@ -125,7 +125,7 @@ defmodule BB.Firmware.NetworkTest do
   test "without a network of its own the robot is told that it is unknown", context do
     start_supervised!(context.robot)
     {:ok, _} = BB.subscribe(context.robot, [:sensor, :network])
-    network(context, source: {Network.None, []})
+    network(context, adapter: {Network.None, []})
     assert_receive {:bb, [:sensor, :network], %{payload: %Connection{state: :unknown}}}
   end
 end

@@ -44,8 +44,8 @@ defmodule BB.Firmware.ProvisioningTest do
 
     for {handle, reason} <- [short: :password_too_short, raise: :refused] do
       log = capture_log(fn -> provision(told, {Stubborn, handle}) end)
-      assert log =~ ~s(the name "ada" was not taken: "no mDNS here")
-      assert log =~ ~s(the Wi-Fi "lab" was not set up: #{inspect(reason)})
+      assert log =~ ~s(could not set the name "ada": "no mDNS here")
+      assert log =~ ~s(could not set up the Wi-Fi "lab": #{inspect(reason)})
       refute log =~ "secret"
     end
   end

@@ -24,7 +24,7 @@ defmodule BB.Parameter.ReasonTest do
           {{:timeout, 5_000}, "no answer within 5000 ms"},
           {%RuntimeError{message: "broken"}, "broken"},
           {{:thrown, 1}, "the store threw 1"},
-          {{:exit, :broken}, "it exited: :broken"},
+          {{:exit, :broken}, "the store exited: :broken"},
           {{:version, 7},
            "the file was written by a later release (format 7); update, or move it away"},
           {:closed_today, ":closed_today"},

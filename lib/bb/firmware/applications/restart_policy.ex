@@ -1,31 +1,33 @@
 defmodule BB.Firmware.Applications.RestartPolicy do
   @moduledoc """
-  What follows when an application ends: it is started again, then the board is. Pure; the clock
-  is an argument, in milliseconds.
+  Decides what follows when an application ends: a start of the application, or a restart of the
+  board. Pure; the clock is an argument, in milliseconds. `BB.Firmware.Applications.Restarter`
+  uses it.
 
-  An application that has ended is started again, at once the first time and after a longer pause
-  each time, up to `restarts` times within `window_ms`. When it ends once more, that does not
-  help, and the board is restarted.
+  An application that ends is started again, at once the first time and then after longer
+  pauses, as often as `pauses_ms` has pauses, within `window_ms`. When it ends once more, the
+  board is restarted.
 
-  The board is restarted `board_restarts` times at most: one that restarts for ever takes no
-  update. After that the board stays up without the application, which is started again once in
-  `stay_ms`. Where it is not known how often the board was restarted, it stays up as well.
-  `calm_ms` without an end count as success, and counting begins anew.
+  The board is restarted at most `board_restarts` times, because a board that restarts for ever
+  accepts no update. After that the board stays up without the application, which is started again
+  every `stay_ms`. The board also stays up when the number of its restarts is unknown. `calm_ms`
+  without an end count as success, and the counts begin at zero.
 
-  Firmware on trial is not restarted but reverted.
+  Firmware on trial is reverted instead of restarted.
 
       iex> alias BB.Firmware.Applications.RestartPolicy
-      iex> {policy, {:start, 1, 0}} = RestartPolicy.ended(RestartPolicy.new([]), :ganglion, :killed, 0)
-      iex> {_decision, {:start, 2, 1_000}} = RestartPolicy.ended(policy, :ganglion, :killed, 400)
+      iex> policy = RestartPolicy.new([])
+      iex> {policy, {:start, 1, 0}} = RestartPolicy.ended(policy, :ganglion, :killed, 0)
+      iex> {_policy, {:start, 2, 1_000}} = RestartPolicy.ended(policy, :ganglion, :killed, 400)
 
-  An application that a person has stopped stays stopped (reason `:stopped`).
+  An application that a person has stopped (reason `:stopped`) stays stopped.
   """
 
   @schema BB.Options.new!(
             pauses_ms: [
               type: {:list, :non_neg_integer},
               default: [0, 1_000, 5_000, 15_000],
-              doc: "How long each start waits, in milliseconds; as many as there are starts."
+              doc: "The pauses before the starts, in milliseconds."
             ],
             window_ms: [
               type: :pos_integer,
@@ -35,17 +37,17 @@ defmodule BB.Firmware.Applications.RestartPolicy do
             board_restarts: [
               type: :non_neg_integer,
               default: 3,
-              doc: "How often the board is restarted for the sake of an application."
+              doc: "The greatest number of restarts of the board."
             ],
             stay_ms: [
               type: :pos_integer,
               default: 60_000,
-              doc: "How long a start waits once the board is not restarted any more."
+              doc: "The pause before a start once the board stays up."
             ],
             calm_ms: [
               type: :pos_integer,
               default: 600_000,
-              doc: "How long everything has to run to count as success."
+              doc: "The time without an end that counts as success."
             ]
           )
 
@@ -55,22 +57,28 @@ defmodule BB.Firmware.Applications.RestartPolicy do
   @type t :: %__MODULE__{}
 
   @typedoc """
-  The n-th start, after a pause; that starting does not help any more; or nothing.
+  The n-th start, after a pause; no more start, because starts do not help; or nothing.
   """
   @type step :: {:start, n :: pos_integer(), pause_ms :: non_neg_integer()} | :give_up | :nothing
 
-  @typedoc "What is done once starting does not help."
+  @typedoc "The last step, when starts do not help."
   @type last_step :: :revert | :restart_board | {:stay, pause_ms :: pos_integer()}
 
-  @doc "Begins. Options:\n\n#{BB.Options.docs(@schema)}"
+  @doc """
+  Makes a policy.
+
+  ## Options
+
+  #{BB.Options.docs(@schema)}
+  """
   @spec new(keyword()) :: t()
   def new(opts), do: %__MODULE__{opts: Map.new(BB.Options.validate!(opts, @schema))}
 
-  @doc "How often an application is started again."
+  @doc "Returns the greatest number of starts of an application."
   @spec starts(t()) :: non_neg_integer()
   def starts(policy), do: length(policy.opts.pauses_ms)
 
-  @doc "An application has ended, or did not start."
+  @doc "Handles the end, or the failed start, of an application."
   @spec ended(t(), atom(), reason :: term(), integer()) :: {t(), step()}
   def ended(policy, app, :stopped, _now_ms),
     do: {%{policy | ends: Map.delete(policy.ends, app)}, :nothing}
@@ -85,8 +93,8 @@ defmodule BB.Firmware.Applications.RestartPolicy do
   defp step(pause_ms, n), do: {:start, n, pause_ms}
 
   @doc """
-  What is done then: on a board that was restarted so often before, and whose firmware is on trial
-  or not.
+  Decides the last step, from the number of the board's restarts, and whether its firmware is on
+  trial.
 
       iex> alias BB.Firmware.Applications.RestartPolicy
       iex> policy = RestartPolicy.new(board_restarts: 2)
@@ -105,11 +113,11 @@ defmodule BB.Firmware.Applications.RestartPolicy do
       else: {:stay, opts.stay_ms}
   end
 
-  @doc "How long a start waits once nothing helps."
+  @doc "Returns the pause before a start once the board stays up."
   @spec stay_ms(t()) :: pos_integer()
   def stay_ms(policy), do: policy.opts.stay_ms
 
-  @doc "How long everything has to run to count as success."
+  @doc "Returns the time without an end that counts as success."
   @spec calm_ms(t()) :: pos_integer()
   def calm_ms(policy), do: policy.opts.calm_ms
 end

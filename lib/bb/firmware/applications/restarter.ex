@@ -1,16 +1,18 @@
 defmodule BB.Firmware.Applications.Restarter do
   @moduledoc """
-  The process behind `BB.Firmware.Applications`: it belongs to no application, hears of ends, and
-  does what `BB.Firmware.Applications.RestartPolicy` says.
+  The process behind `BB.Firmware.Applications`: it starts applications again and restarts the
+  board, as `BB.Firmware.Applications.RestartPolicy` decides. It belongs to no application.
 
-  What it starts is everything that the release starts and that does not run, in the release's
-  order, so that what could not start without an application that had ended comes back with it.
+  It starts all applications of the release that do not run, in the order of the release. So an
+  application that could not start without an ended one starts with it.
 
-  Before it restarts the board it waits for an upload that is under way, and disarms the robots.
-  How often it has restarted the board is kept in `restarts.txt` in the guard's folder, until
-  everything has run for a while. A board that stays up without an application tells the watchdog
-  that it has come up, for otherwise that would restart it in the midst of an update.
+  Before it restarts the board, it waits for an upload in progress, and disarms the robots. The
+  file `restarts.txt` in the guard's folder counts the restarts of the board, until all
+  applications have run for a while. A board that stays up without an application reports to the
+  watchdog that its start is complete; otherwise the watchdog would restart it in the middle of
+  an update.
   """
+  @moduledoc no_example: "internal: BB.Firmware.Applications is its interface"
 
   use GenServer
   use BB.Process.Tolerant
@@ -29,21 +31,22 @@ defmodule BB.Firmware.Applications.Restarter do
   @own [:name, :board, :folder, :expected, :gate]
 
   @doc """
-  Starts it, linked to nobody. Options: those of `BB.Firmware.Applications.RestartPolicy.new/1`;
-  `name:`; `board:` and `folder:` of the guard, without which they are the configured ones;
-  `expected:` the applications that have to run, without which they are those of the release;
-  `gate:` that of updates.
+  Starts the process without a link.
+
+  Options: the options of `BB.Firmware.Applications.RestartPolicy.new/1`; `name:`; `board:` and
+  `folder:` of the guard (default: the configured ones); `expected:` the applications that must
+  run (default: those of the release); `gate:` for updates.
   """
   @spec start(keyword()) :: GenServer.on_start()
   def start(opts), do: GenServer.start(__MODULE__, opts, Keyword.take(opts, [:name]))
 
-  @doc "Something happened to an application."
-  @spec tell(GenServer.server(), {:started, atom()} | {:ended, atom(), term()}) :: :ok
-  def tell(restarter, event), do: GenServer.cast(restarter, event)
+  @doc "Handles the start or the end of an application."
+  @spec handle_event(GenServer.server(), {:started, atom()} | {:ended, atom(), term()}) :: :ok
+  def handle_event(restarter, event), do: GenServer.cast(restarter, event)
 
   @impl GenServer
   def init(opts) do
-    # The end of an application ends all processes of its group.
+    # The end of an application kills all processes with its group leader.
     Process.group_leader(self(), Process.whereis(:init))
     {own, policy} = Keyword.split(opts, @own)
 
@@ -62,10 +65,10 @@ defmodule BB.Firmware.Applications.Restarter do
       calm: nil
     }
 
-    {:ok, calm(state)}
+    {:ok, restart_calm_timer(state)}
   end
 
-  # A wrong option must not cost the board its restarter.
+  # A wrong option must not leave the board without a restarter.
   defp new_policy(opts) do
     RestartPolicy.new(opts)
   rescue
@@ -87,28 +90,28 @@ defmodule BB.Firmware.Applications.Restarter do
      }}
   end
 
-  # The machine goes down, and its applications with it.
+  # The board restarts, which ends its applications.
   def handle_cast({:ended, _app, _reason}, %{leaving?: true} = state), do: {:noreply, state}
 
   def handle_cast({:ended, app, reason}, state) do
     {policy, step} = RestartPolicy.ended(state.policy, app, reason, now_ms())
-    # Somebody has started it since it was stopped.
+    # It was started again after it was stopped.
     stopped = MapSet.delete(state.stopped, app)
-    state = calm(%{state | policy: policy, stopped: stopped})
-    {:noreply, step(step, app, reason, state)}
+    state = restart_calm_timer(%{state | policy: policy, stopped: stopped})
+    {:noreply, take_step(step, app, reason, state)}
   end
 
   @impl GenServer
   def handle_info(:start, state) do
     if booted?(state),
       do: {:noreply, start_all(%{state | timer: nil})},
-      else: {:noreply, again(state)}
+      else: {:noreply, start_later(state)}
   end
 
   def handle_info({:last_step, app, reason, until_ms}, state),
-    do: {:noreply, last(app, reason, until_ms, state)}
+    do: {:noreply, take_last_step(app, reason, until_ms, state)}
 
-  # The board has refused to go.
+  # The board did not restart.
   def handle_info(:still_here, state),
     do: {:noreply, start_in(%{state | leaving?: false}, RestartPolicy.stay_ms(state.policy))}
 
@@ -117,24 +120,24 @@ defmodule BB.Firmware.Applications.Restarter do
     {:noreply, state}
   end
 
-  defp step(:nothing, app, _reason, state) do
+  defp take_step(:nothing, app, _reason, state) do
     _ = Story.tell(state.folder, "the application #{app} was stopped by a person")
     %{state | stopped: MapSet.put(state.stopped, app), ended: MapSet.delete(state.ended, app)}
   end
 
-  defp step({:start, n, pause_ms}, app, reason, state) do
+  defp take_step({:start, n, pause_ms}, app, reason, state) do
     of = RestartPolicy.starts(state.policy)
-    _ = told(state, app, reason, "it is started again (#{n} of #{of})")
+    _ = add_to_story(state, app, reason, "start #{n} of #{of} follows")
     start_in(%{state | ended: MapSet.put(state.ended, app)}, pause_ms)
   end
 
-  defp step(:give_up, app, reason, state) do
+  defp take_step(:give_up, app, reason, state) do
     state = %{state | ended: MapSet.put(state.ended, app)}
-    last(app, reason, now_ms() + @upload_limit_ms, state)
+    take_last_step(app, reason, now_ms() + @upload_limit_ms, state)
   end
 
-  # Nothing goes before an update, which may be what helps.
-  defp last(app, reason, until_ms, state) do
+  # An update goes first, because it may repair the application.
+  defp take_last_step(app, reason, until_ms, state) do
     if Gate.busy?(state.gate) and now_ms() < until_ms do
       _ = Process.send_after(self(), {:last_step, app, reason, until_ms}, @upload_ms)
       state
@@ -142,7 +145,7 @@ defmodule BB.Firmware.Applications.Restarter do
       on_trial? = Trial.status(state.folder, state.board) == :unvalidated
       restarts = restarts(state.folder)
 
-      act(
+      execute(
         RestartPolicy.last_step(state.policy, restarts, on_trial?),
         app,
         reason,
@@ -152,41 +155,50 @@ defmodule BB.Firmware.Applications.Restarter do
     end
   end
 
-  defp act(:revert, app, reason, _restarts, state) do
-    why = told(state, app, reason, "that does not help, and the firmware is on trial")
-    leave(state, &Trial.revert(state.folder, &1, "the restarter of its applications", [why]))
+  defp execute(:revert, app, reason, _restarts, state) do
+    why = add_to_story(state, app, reason, "starts do not help, and the firmware is on trial")
+
+    leave_board(
+      state,
+      &Trial.revert(state.folder, &1, "the restarter of its applications", [why])
+    )
   end
 
-  defp act(:restart_board, app, reason, restarts, state) do
+  defp execute(:restart_board, app, reason, restarts, state) do
     case Kept.write(file(state.folder), @first <> "#{restarts + 1}\n") do
       :ok ->
         _ =
-          told(
+          add_to_story(
             state,
             app,
             reason,
-            "that does not help; the board restarts (time #{restarts + 1})"
+            "starts do not help; the board restarts (time #{restarts + 1})"
           )
 
-        leave(state, &Board.reboot/1)
+        leave_board(state, &Board.reboot/1)
 
-      # It could go on for ever, and nobody would know.
+      # The board could restart for ever, because its restarts cannot be counted.
       {:error, _posix} ->
-        act({:stay, RestartPolicy.stay_ms(state.policy)}, app, reason, :unknown, state)
+        execute({:stay, RestartPolicy.stay_ms(state.policy)}, app, reason, :unknown, state)
     end
   end
 
-  defp act({:stay, pause_ms}, app, reason, restarts, state) do
+  defp execute({:stay, pause_ms}, app, reason, restarts, state) do
     _ =
-      told(state, app, reason, "no restart helps (#{restarts}); the board stays up for an update")
+      add_to_story(
+        state,
+        app,
+        reason,
+        "no restart helps (#{restarts}); the board stays up for an update"
+      )
 
-    # Where it is not known how often it has restarted, the watchdog is left to do it.
+    # The watchdog restarts the board when the number of its restarts is unknown.
     _ = if is_integer(restarts), do: Board.init_complete(state.board)
     start_in(%{state | stays_for: {app, reason}}, pause_ms)
   end
 
-  # It may never return.
-  defp leave(state, fun) do
+  # Runs `fun` in a process of its own, because it may never return.
+  defp leave_board(state, fun) do
     %{board: board} = state
     restarter = self()
 
@@ -203,10 +215,10 @@ defmodule BB.Firmware.Applications.Restarter do
     %{state | leaving?: true}
   end
 
-  defp told(state, app, reason, what) do
-    text = "the application #{app} ended (#{Kept.line(reason)}); #{what}"
+  defp add_to_story(state, app, reason, action) do
+    text = "the application #{app} ended (#{Kept.line(reason)}); #{action}"
 
-    # The same once a minute would leave no room for how it began.
+    # The same line once a minute would displace the lines about the cause.
     _ =
       if state.stays_for == {app, reason},
         do: Logger.warning(text),
@@ -220,7 +232,7 @@ defmodule BB.Firmware.Applications.Restarter do
   defp start_in(%{timer: nil} = state, pause_ms),
     do: %{state | timer: Process.send_after(self(), :start, pause_ms)}
 
-  # All are started at once, at the earliest of their times.
+  # One start serves all applications, at the earliest of their times.
   defp start_in(%{timer: timer} = state, pause_ms) do
     case Process.read_timer(timer) do
       left_ms when is_integer(left_ms) and left_ms <= pause_ms ->
@@ -232,12 +244,11 @@ defmodule BB.Firmware.Applications.Restarter do
     end
   end
 
-  defp again(state), do: start_in(%{state | timer: nil}, @boot_ms)
+  defp start_later(state), do: start_in(%{state | timer: nil}, @boot_ms)
 
-  # While the release starts, everything that it starts is not yet missing. What the boot file has
-  # told last counts: the VM itself is starting for as long as what its command line names
-  # (`-run`) has not returned. An application whose start never returns does not keep the others
-  # from theirs.
+  # While the release starts, no application is missing yet. The last step of the boot file
+  # counts, because the status of the VM stays :starting until the command line (`-run`) has
+  # returned. An application whose start never returns does not delay the others for ever.
   defp booted?(state) do
     case :init.get_status() do
       {:starting, :started} -> true
@@ -246,7 +257,7 @@ defmodule BB.Firmware.Applications.Restarter do
     end
   end
 
-  # Whoever fails is told of as any other; who does not return is not.
+  # Shoehorn reports a failed start as any end, but not a start that does not return.
   defp start_all(state) do
     running = for {app, _, _} <- Application.started_applications(@start_limit_ms), do: app
 
@@ -254,8 +265,8 @@ defmodule BB.Firmware.Applications.Restarter do
       start = fn -> Application.ensure_all_started(app) end
       limits = [attempts: 1, limit_ms: @start_limit_ms]
 
-      with :error <- Attempt.run("starting the application #{app}", start, limits),
-           do: tell(self(), {:ended, app, :did_not_start_in_time})
+      with :error <- Attempt.run("start the application #{app}", start, limits),
+           do: handle_event(self(), {:ended, app, :did_not_start_in_time})
     end
 
     state
@@ -264,7 +275,7 @@ defmodule BB.Firmware.Applications.Restarter do
   defp expected(%{expected: nil} = state), do: Enum.uniq(release() ++ Enum.sort(state.ended))
   defp expected(%{expected: expected}), do: expected
 
-  # Those that the release's boot file starts, in its order.
+  # The applications in the boot file of the release, in its order.
   defp release do
     {:ok, [[boot | _] | _]} = :init.get_argument(:boot)
     {:script, _name, steps} = :erlang.binary_to_term(File.read!("#{boot}.boot"))
@@ -273,7 +284,7 @@ defmodule BB.Firmware.Applications.Restarter do
     _no_release -> []
   end
 
-  # What is kept
+  # The count of restarts
 
   defp restarts(folder) do
     with @first <> count <- Kept.read(file(folder), @first),
@@ -284,7 +295,7 @@ defmodule BB.Firmware.Applications.Restarter do
     end
   end
 
-  defp calm(state) do
+  defp restart_calm_timer(state) do
     calm = make_ref()
     _ = Process.send_after(self(), {:calm, calm}, RestartPolicy.calm_ms(state.policy))
     %{state | calm: calm}

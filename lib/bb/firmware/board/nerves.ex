@@ -1,16 +1,18 @@
 defmodule BB.Firmware.Board.Nerves do
   @moduledoc """
-  A board that runs Nerves: `Nerves.Runtime` and the VM's `:heart`.
+  A board that runs Nerves: `Nerves.Runtime` and the VM's `:heart`. Use it on every board with
+  Nerves:
 
-  Validating and reverting run the program `fwup` behind a process of Nerves (`FwupOps`) that is
-  asked with a time-out of one second, which a slow card can exceed, and which exits then.
-  `BB.Firmware.Board` makes an error of that; `revert/1` waits for what it has begun, because a
-  second attempt behind a first one that was only slow would lead back to the firmware that is to
-  go.
+      config :ganglion, board: {BB.Firmware.Board.Nerves, []}
 
-  Nerves' store (`KV`) asks `FwupOps` at its first use and ends when the answer is late; four such
-  ends within five seconds end `nerves_runtime`. So `ready/1` asks `FwupOps` first, as often as it
-  takes to have an answer in time: what is slow is the first run of `fwup`, from a cold card.
+  Nerves validates and reverts with the program `fwup` behind a process, `FwupOps`. Its calls
+  have a timeout of one second, which a slow card can exceed; the caller then exits.
+  `BB.Firmware.Board` makes an error of that. `revert/1` waits for the slow call: a second call
+  would switch back to the firmware that is to be left.
+
+  Nerves' store (`KV`) calls `FwupOps` at its first use and ends when the reply is late; four such
+  ends within five seconds end `nerves_runtime`. So `ready/1` calls `FwupOps` first, until a reply
+  is in time: the first run of `fwup`, from a cold card, is the slow one.
   """
 
   @behaviour BB.Firmware.Board
@@ -18,14 +20,15 @@ defmodule BB.Firmware.Board.Nerves do
   alias Nerves.Runtime
   alias Nerves.Runtime.{FwupOps, Heart, KV}
 
-  # They are there on boards alone, and there the compiler shall check what is called.
+  # These modules exist on boards alone, where the compiler checks the calls.
   unless Code.ensure_loaded?(Runtime),
     do: @compile({:no_warn_undefined, [Runtime, FwupOps, Heart, KV]})
 
   @fwup_limit_ms 30_000
   @ready_attempts 5
   @ready_pause_ms 2_000
-  # What firmware/provisioning.conf writes; a variable that was not given is an empty string there.
+  # The prefix of variables that firmware/provisioning.conf writes; a missing one is an empty
+  # string.
   @ours "ganglion_"
   @shown ~w(nerves_fw_product nerves_fw_version nerves_fw_uuid nerves_fw_platform)
 
@@ -37,13 +40,13 @@ defmodule BB.Firmware.Board.Nerves do
 
   @impl BB.Firmware.Board
   def validation_status(_handle) do
-    # Without the process that knows, Nerves says :unknown, as on a board that has no validation.
+    # Without its store, Nerves returns :unknown, as on a board without validation.
     if Process.whereis(KV),
       do: Runtime.firmware_validation_status(),
       else: {:error, :nerves_runtime_is_down}
   end
 
-  # Where `fwup` fails, Nerves sets a variable that newer boards do not look at, and says :ok.
+  # When `fwup` fails, Nerves sets a variable that newer boards ignore, and returns :ok.
   @impl BB.Firmware.Board
   def validate(handle) do
     with :ok <- Runtime.validate_firmware(),
@@ -55,16 +58,16 @@ defmodule BB.Firmware.Board.Nerves do
     end
   end
 
-  # Firmware that is not validated goes at the next restart anyway, where the board has that; so restart in any case.
+  # Boards with validation leave unvalidated firmware at the next restart, so restart in any case.
   @impl BB.Firmware.Board
   def revert(handle) do
-    _ = choose_the_other()
+    _ = switch_slot()
     reboot(handle)
   end
 
   @impl BB.Firmware.Board
   def prevent_revert(_handle) do
-    finished(fn -> FwupOps.prevent_revert() end)
+    await_fwup(fn -> FwupOps.prevent_revert() end)
   end
 
   @impl BB.Firmware.Board
@@ -104,10 +107,10 @@ defmodule BB.Firmware.Board.Nerves do
   def provisioned(_handle),
     do: for({@ours <> name, value} when value != "" <- KV.get_all(), into: %{}, do: {name, value})
 
-  defp choose_the_other, do: finished(fn -> Runtime.revert(reboot: false) end)
+  defp switch_slot, do: await_fwup(fn -> Runtime.revert(reboot: false) end)
 
-  # What was asked for goes on after a time-out; this is answered after it.
-  defp finished(fun) do
+  # FwupOps continues after the timeout of a call, and replies to this call after it.
+  defp await_fwup(fun) do
     fun.()
   catch
     :exit, _timeout ->
@@ -134,7 +137,7 @@ defmodule BB.Firmware.Board.Nerves do
     :exit, reason -> {:error, reason}
   end
 
-  # The pause is long enough that a store that ends each time does not end its supervisor.
+  # The pause is long enough that the repeated ends of the store do not end its supervisor.
   defp repeat(fun, attempts) do
     case fun.() do
       {:error, _reason} when attempts > 1 ->

@@ -1,5 +1,11 @@
 defmodule BB.Firmware.Board.None do
-  @moduledoc "Where there is no board: nothing to validate, and nothing to revert or restart. The host has this."
+  @moduledoc """
+  The board of the host, which cannot be validated, reverted or restarted. It is the default of
+  `BB.Firmware.Board`.
+
+      iex> BB.Firmware.Board.validate({BB.Firmware.Board.None, []})
+      {:error, :no_board}
+  """
 
   @behaviour BB.Firmware.Board
 

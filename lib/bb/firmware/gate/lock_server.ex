@@ -1,17 +1,17 @@
 defmodule BB.Firmware.Gate.LockServer do
   @moduledoc """
-  Who writes a firmware, as a process of its own: it belongs to no supervisor and no application,
-  so that two uploads exclude each other also on a board whose gate, robot and application are
-  gone.
+  The process with the lock for writing a firmware (`BB.Firmware.Gate.Lock`). It belongs to no
+  supervisor and no application, so that two uploads exclude each other also on a board whose
+  gate, robot and application have ended.
 
-  The lock (`BB.Firmware.Gate.Lock`) is the process that has its name: one process has a name at a
-  time, and it is there as long as somebody uploads, or may just have written. The uploader gets a
-  name too. Whoever kills the lock's process finds the uploader by that name, and the lock is made
-  anew for it.
+  Its registered name makes it unique. It lives as long as an upload runs, or may just have
+  written. The uploader gets a registered name too: when the lock server is killed, a new one
+  finds the uploader by that name and continues with it.
 
-  As long as it is there the robots cannot be armed (`BB.Safety.inhibit/3` at `[:firmware,
-  :update]`).
+  While the lock server lives, the robots cannot be armed (`BB.Safety.inhibit/3` at
+  `[:firmware, :update]`).
   """
+  @moduledoc no_example: "internal: BB.Firmware.Gate is its interface"
 
   use GenServer
   use BB.Process.Tolerant
@@ -24,12 +24,12 @@ defmodule BB.Firmware.Gate.LockServer do
   # Longer than any settling time.
   @call_timeout_ms 30_000
 
-  @typedoc "The name of the lock, and the one of who holds it."
+  @typedoc "The registered names of the lock server and of the uploader."
   @type names :: {lock :: atom(), uploader :: atom()}
 
   @typedoc """
-  Names, the robots that cannot be armed meanwhile, and how long the lock stays closed after an
-  upload.
+  The names, the robots that cannot be armed meanwhile, and the time for which the lock stays
+  closed after an upload.
   """
   @type settings :: %{
           required(:names) => names(),
@@ -39,8 +39,8 @@ defmodule BB.Firmware.Gate.LockServer do
         }
 
   @doc """
-  Makes the calling process the holder. It waits while it is not known whether the upload before
-  has written anything.
+  Gives the lock to the calling process. Waits while it is unknown whether the upload before has
+  written a firmware.
   """
   @spec enter(settings()) :: :ok | {:error, :updating | :written | :unknown}
   def enter(settings) do
@@ -54,7 +54,7 @@ defmodule BB.Firmware.Gate.LockServer do
     answer =
       case start(uploader, settings) do
         {:ok, _pid} -> :ok
-        {:error, {:already_started, _pid}} -> ask(lock, {:enter, uploader})
+        {:error, {:already_started, _pid}} -> call(lock, {:enter, uploader})
       end
 
     case answer do
@@ -64,28 +64,28 @@ defmodule BB.Firmware.Gate.LockServer do
     end
   end
 
-  @doc "The calling process writes nothing: it leaves at once."
+  @doc "Releases the lock of the calling process, which has written nothing."
   @spec leave(settings()) :: :ok
   def leave(%{names: {lock, name}}) do
     _ = if Process.whereis(name) == self(), do: Process.unregister(name)
-    _ = ask(lock, {:leave, self()})
+    _ = call(lock, {:leave, self()})
     :ok
   end
 
-  @doc "A firmware was written: from now on nobody enters."
+  @doc "Closes the lock for good, because a firmware was written."
   @spec written(settings()) :: :ok
   def written(%{names: {lock, _name}} = settings) do
-    with :gone <- ask(lock, :written) do
+    with :gone <- call(lock, :written) do
       _ = start(:nobody, settings)
-      _ = ask(lock, :written)
+      _ = call(lock, :written)
       :ok
     end
   end
 
-  @doc "How the lock is."
+  @doc "Returns the state of the lock."
   @spec lock(names()) :: Lock.t()
   def lock({lock, name}) do
-    case {ask(lock, :lock), Process.whereis(name)} do
+    case {call(lock, :lock), Process.whereis(name)} do
       {:gone, nil} -> :free
       {:gone, uploader} -> {:held, uploader}
       {state, _uploader} -> state
@@ -93,8 +93,8 @@ defmodule BB.Firmware.Gate.LockServer do
   end
 
   @doc """
-  Makes the lock anew for an uploader whose lock was killed, and forbids arming again where a lock
-  is. `:free` when there is neither.
+  Starts a lock server for an uploader whose lock server was killed, and forbids arming again
+  while a lock server runs. Returns `:free` without uploader and lock server.
   """
   @spec adopt(settings()) :: :held | :free
   def adopt(%{names: {lock, name}} = settings) do
@@ -110,15 +110,15 @@ defmodule BB.Firmware.Gate.LockServer do
     end
   end
 
-  @doc "Forbids arming. A robot of which safety cannot be told is not armed by it either."
+  @doc "Forbids arming. Ignores a robot while safety does not run, which cannot be armed then."
   @spec inhibit([module()]) :: :ok
   def inhibit(robots), do: each(robots, &Safety.inhibit(&1, @path, :update))
 
-  @doc "Takes that back."
+  @doc "Allows arming again."
   @spec allow([module()]) :: :ok
   def allow(robots), do: each(robots, &Safety.allow(&1, @path))
 
-  # The tables of safety belong to an application that may be gone.
+  # The tables of safety may not exist.
   defp each(robots, fun) do
     Enum.each(robots, fn robot ->
       try do
@@ -132,7 +132,7 @@ defmodule BB.Firmware.Gate.LockServer do
   defp start(uploader, %{names: {lock, _name}} = settings),
     do: GenServer.start(__MODULE__, {uploader, settings}, name: lock)
 
-  defp ask(lock, request) do
+  defp call(lock, request) do
     GenServer.call(lock, request, @call_timeout_ms)
   catch
     :exit, _reason -> :gone
@@ -142,13 +142,13 @@ defmodule BB.Firmware.Gate.LockServer do
     true = Process.register(pid, name)
     :ok
   rescue
-    # It has ended already, or has a name of its own.
+    # The process has ended already, or has a name of its own.
     ArgumentError -> :ok
   end
 
   @impl GenServer
   def init({uploader, settings}) do
-    # The end of an application ends all processes of its group.
+    # The end of an application kills all processes with its group leader.
     Process.group_leader(self(), Process.whereis(:init))
     inhibit(settings.robots)
     {:ok, hold(%{lock: :free, waiting: [], settings: settings}, uploader)}
@@ -173,7 +173,7 @@ defmodule BB.Firmware.Gate.LockServer do
 
   def handle_call({:leave, uploader}, from, %{lock: {:held, uploader}} = state) do
     GenServer.reply(from, :ok)
-    next(%{state | lock: :free})
+    give_to_next(%{state | lock: :free})
   end
 
   def handle_call({:leave, _other}, _from, state), do: {:reply, :ok, state}
@@ -195,18 +195,18 @@ defmodule BB.Firmware.Gate.LockServer do
 
   def handle_info(:passed, state) do
     case Lock.passed(state.lock, now_ms()) do
-      :free -> next(%{state | lock: :free})
+      :free -> give_to_next(%{state | lock: :free})
       lock -> {:noreply, %{state | lock: lock}}
     end
   end
 
-  # The first who waits enters; without one the lock is gone.
-  defp next(%{waiting: []} = state) do
+  # The first waiting uploader gets the lock. Without one the lock server ends.
+  defp give_to_next(%{waiting: []} = state) do
     allow(state.settings.robots)
     {:stop, :normal, state}
   end
 
-  defp next(%{waiting: [{from, uploader} | rest]} = state) do
+  defp give_to_next(%{waiting: [{from, uploader} | rest]} = state) do
     GenServer.reply(from, :ok)
     for {from, _uploader} <- rest, do: GenServer.reply(from, {:error, :updating})
     {:noreply, hold(%{state | waiting: []}, uploader)}

@@ -1,13 +1,17 @@
 defmodule BB.Firmware.Gate.Precheck do
   @moduledoc """
-  Whether an update may be written, and if not, why, in words for who uploads. Pure.
+  Decides whether an update may be written, with a reason for the uploader. Pure.
+  `BB.Firmware.Gate` collects the facts.
+
+      iex> BB.Firmware.Gate.Precheck.decide(%{lock: {:error, :updating}})
+      {:error, "another update is being written"}
   """
 
   alias BB.Firmware.Board
 
   @typedoc """
-  What is so: the `lock`'s answer, and with the lock the `safety` state of the robots, the
-  `validation` of the running firmware, the public `key`'s file, and whether the `gate` is there.
+  The facts: the reply of the `lock`, and if it is held the `safety` state of the robots, the
+  `validation` of the running firmware, the file of the public `key`, and whether the `gate` runs.
   """
   @type facts ::
           %{lock: {:error, :updating | :written | :unknown}}
@@ -20,13 +24,15 @@ defmodule BB.Firmware.Gate.Precheck do
             }
 
   @doc """
-  `:ok`, or the reason. Whatever is not known to be right is refused, but for a board that has no validation.
+  Returns `:ok`, or `{:error, reason}`. Refuses an update when a fact is unknown, except the
+  validation of a board without validation.
 
-      iex> facts = %{safety: :disarmed, validation: :validated, lock: :ok, key: {:ok, "/etc/ganglion/firmware.pub"}}
+      iex> facts = %{lock: :ok, key: {:ok, "/etc/ganglion/firmware.pub"}}
+      iex> facts = Map.merge(facts, %{safety: :disarmed, validation: :validated})
       iex> BB.Firmware.Gate.Precheck.decide(facts)
       :ok
       iex> BB.Firmware.Gate.Precheck.decide(%{facts | safety: :armed})
-      {:error, "the robot is armed: disarm it first"}
+      {:error, "the robot is armed; disarm it first"}
   """
   @spec decide(facts()) :: :ok | {:error, String.t()}
   def decide(facts) do
@@ -40,38 +46,38 @@ defmodule BB.Firmware.Gate.Precheck do
   defp lock({:error, :updating}), do: {:error, "another update is being written"}
 
   defp lock({:error, :unknown}),
-    do: {:error, "whether another update is being written is not known: try again"}
+    do: {:error, "the state of another update is unknown; try again"}
 
   defp lock({:error, :written}),
-    do: {:error, "an update has been written, and the board is about to restart"}
+    do: {:error, "an update was written, and the board is about to restart"}
 
   defp key({:ok, _file}), do: :ok
 
   defp key({:error, {file, why}}),
-    do: {:error, "no signature could be checked: the public key #{file} #{why}"}
+    do: {:error, "signatures cannot be checked: the public key #{file} #{why}"}
 
   defp validation(status, _gate) when status in [:validated, :unknown], do: :ok
 
   defp validation(:unvalidated, :there),
-    do: {:error, "the running firmware is not validated yet: wait for its guard to decide"}
+    do: {:error, "the running firmware is not validated yet; wait for its guard"}
 
-  # The only firmware that works would be written over. The board goes back to it soon, and takes
-  # updates then.
+  # The update would overwrite the only firmware that works. The board reverts to it soon, and
+  # accepts updates then.
   defp validation(:unvalidated, :gone) do
     {:error,
      "the running firmware is on trial, and its application does not run: " <>
-       "the board goes back to the firmware before"}
+       "the board reverts to the previous firmware"}
   end
 
-  # What does not answer there is part of what the update repairs. fwup looks at the state for
-  # itself, where the board has one.
+  # The update repairs a board that does not answer. fwup checks the state itself, if the board
+  # has one.
   defp validation({:error, _reason}, :gone), do: :ok
 
   defp validation({:error, reason}, :there),
-    do: {:error, "whether the running firmware is validated is not known: #{inspect(reason)}"}
+    do: {:error, "the validation of the running firmware is unknown: #{inspect(reason)}"}
 
-  # In :error nothing moves any more that software could stop, and an update may be the remedy.
+  # In :error software cannot make the robot safer, and an update may be the remedy.
   defp safety(state) when state in [:disarmed, :error], do: :ok
-  defp safety(:armed), do: {:error, "the robot is armed: disarm it first"}
-  defp safety(:disarming), do: {:error, "the robot is being disarmed: try again"}
+  defp safety(:armed), do: {:error, "the robot is armed; disarm it first"}
+  defp safety(:disarming), do: {:error, "the robot is being disarmed; try again"}
 end

@@ -1,17 +1,19 @@
 defmodule BB.Firmware.Guard.Checks do
   @moduledoc """
-  What a guard looks at, as a value that the guard's process keeps. Messages and looks become the events of
-  `BB.Firmware.Guard.Validation`.
+  The checks of a guard, in a struct that the guard's process has. They turn messages and the
+  states of components into the events of `BB.Firmware.Guard.Validation`.
 
-    * `{:sensor, name}` - of each required sensor: a sample that is fresh; being down, or having
-      been started again, is bad. Fresh is what its own `max_silence` and rate allow, where that
-      is more than `fresh_ms`
-    * `{:native, name}` - of each native process, outlet and inlet: it is up, and was not started again
-    * `:pubsub`, `:ring` - what the guard sent to itself has come back
-    * `:network` - it reaches as far as was asked for
+    * `{:sensor, name}` for each required sensor - good with a fresh sample, bad when the sensor
+      is down or was started again. Its `max_silence` and its rate may allow older samples than
+      `fresh_ms`
+    * `{:native, name}` for each native process, outlet and inlet - good when it is up and was not
+      started again
+    * `:pubsub`, `:ring` - good when a message of the guard has returned to it
+    * `:network` - good when the network has the required reach
 
-  A look never waits and never raises: what cannot be looked at is bad.
+  A check never waits and never raises: a check that fails by itself is bad.
   """
+  @moduledoc no_example: "internal: BB.Firmware.Guard is its interface"
 
   alias BB.Firmware.Network.Adapter
   alias BB.{Message, PubSub, Ring, Sensor}
@@ -19,10 +21,10 @@ defmodule BB.Firmware.Guard.Checks do
 
   @path [:firmware, :guard]
 
-  # They publish nothing at their own path.
+  # These sensors publish nothing at their own path.
   @silent [BB.Handoff.Inlet, BB.Handoff.Outlet, BB.Sensor.NativeProcess]
 
-  # Samples come late at times: so many periods may pass.
+  # The greatest age of a sample in periods of its sensor.
   @periods 2.5
 
   @enforce_keys [:robot, :topic, :network, :reach, :fresh_ms, :sensors, :silent]
@@ -45,8 +47,10 @@ defmodule BB.Firmware.Guard.Checks do
   @type event :: BB.Firmware.Guard.Validation.event()
 
   @doc """
-  Of a robot. Options: `topic:` of the ring, for the guard alone; `network:` a source; `reach:` `:lan`, `:internet`, or `:none` for no look at
-  the network; `fresh_ms:`.
+  Makes the checks of a robot.
+
+  Options: `topic:` a ring topic of the guard alone, `network:` an adapter, `reach:` `:lan`,
+  `:internet`, or `:none` for no check of the network, and `fresh_ms:`.
   """
   @spec new(module(), keyword()) :: t()
   def new(robot, opts) do
@@ -65,7 +69,7 @@ defmodule BB.Firmware.Guard.Checks do
     )
   end
 
-  @doc "The checks that are required."
+  @doc "Returns the required checks."
   @spec required(t()) :: [BB.Firmware.Guard.Validation.check()]
   def required(checks) do
     Enum.sort(for {_path, name} <- checks.sensors, do: {:sensor, name}) ++
@@ -73,9 +77,9 @@ defmodule BB.Firmware.Guard.Checks do
       [:pubsub, :ring] ++ if(checks.reach == :none, do: [], else: [:network])
   end
 
-  @doc "Looks at everything, and sends what is to come back."
-  @spec look(t()) :: {t(), [event()]}
-  def look(checks) do
+  @doc "Runs all checks, and sends the messages that must return."
+  @spec run(t()) :: {t(), [event()]}
+  def run(checks) do
     checks = %{checks | token: checks.token + 1}
     {checks, health} = health(checks)
     {checks, bus} = bus(checks)
@@ -83,12 +87,12 @@ defmodule BB.Firmware.Guard.Checks do
     {checks, health ++ bus ++ ring ++ network(checks)}
   end
 
-  @doc "What a message to the guard says, if it is one of the checks'."
-  @spec heard(t(), term()) :: [event()]
-  def heard(%{token: token}, {:bb, @path, %{payload: %RoundTrip{token: token}}}),
+  @doc "Handles a message to the guard, and returns its events."
+  @spec handle_message(t(), term()) :: [event()]
+  def handle_message(%{token: token}, {:bb, @path, %{payload: %RoundTrip{token: token}}}),
     do: [{:good, :pubsub}]
 
-  def heard(checks, {:bb, path, message}) do
+  def handle_message(checks, {:bb, path, message}) do
     age_ns = System.monotonic_time(:nanosecond) - message.monotonic_time
 
     case checks.sensors do
@@ -97,19 +101,22 @@ defmodule BB.Firmware.Guard.Checks do
     end
   end
 
-  def heard(%{ring: {_, %{ref: ref}}, token: token}, {:bb_ring, ref, %Ring.Message{data: data}}),
-    do: if(data == <<token::64>>, do: [{:good, :ring}], else: [])
+  def handle_message(
+        %{ring: {_, %{ref: ref}}, token: token},
+        {:bb_ring, ref, %Ring.Message{data: data}}
+      ),
+      do: if(data == <<token::64>>, do: [{:good, :ring}], else: [])
 
-  def heard(_checks, _message), do: []
+  def handle_message(_checks, _message), do: []
 
-  @doc "Ends what was begun: subscriptions, and the topic of the ring."
+  @doc "Ends the subscriptions and closes the ring topic."
   @spec close(t()) :: t()
   def close(checks) do
     for path <- [@path | Map.keys(checks.sensors)], do: PubSub.unsubscribe(checks.robot, path)
     %{close_ring(checks) | bus: nil}
   end
 
-  @doc "Sensors that are not required and not up, with the reason in words."
+  @doc "Returns the sensors that are not required and not up, each with a reason."
   @spec missing(t()) :: [{BB.Firmware.Guard.Validation.check(), String.t()}]
   def missing(checks) do
     required = required(checks)
@@ -118,7 +125,7 @@ defmodule BB.Firmware.Guard.Checks do
         check = {:sensor, row.name},
         check not in required and {:native, row.name} not in required,
         row.state != :up,
-        do: {check, words(row)}
+        do: {check, format_row(row)}
   end
 
   # The components
@@ -128,9 +135,9 @@ defmodule BB.Firmware.Guard.Checks do
     known = Map.new(rows, &{&1.name, &1})
 
     sensors =
-      for {_path, name} <- checks.sensors, do: trouble({:sensor, name}, known[name], checks)
+      for {_path, name} <- checks.sensors, do: sensor_events({:sensor, name}, known[name], checks)
 
-    natives = for name <- checks.silent, do: standing({:native, name}, known[name], checks)
+    natives = for name <- checks.silent, do: component_event({:native, name}, known[name], checks)
     restarts = Map.new(rows, &{&1.name, &1.restarts})
     {%{checks | restarts: restarts}, List.flatten(sensors) ++ natives}
   end
@@ -141,10 +148,10 @@ defmodule BB.Firmware.Guard.Checks do
     ArgumentError -> []
   end
 
-  # A sensor is good by its samples alone. One that is slow by nature is so as long as the last is
-  # not too old.
-  defp trouble(check, row, checks) do
-    case standing(check, row, checks) do
+  # Fresh samples alone make a sensor good. A slow sensor stays good until its last sample is
+  # too old.
+  defp sensor_events(check, row, checks) do
+    case component_event(check, row, checks) do
       {:good, _check} -> if slow_and_fresh?(row, checks), do: [{:good, check}], else: []
       bad -> [bad]
     end
@@ -160,18 +167,18 @@ defmodule BB.Firmware.Guard.Checks do
   defp periods_ns(hz) when is_number(hz) and hz > 0, do: @periods * 1.0e9 / hz
   defp periods_ns(_hz), do: 0
 
-  defp standing(check, nil, _checks), do: {:bad, check, "the robot is not started"}
+  defp component_event(check, nil, _checks), do: {:bad, check, "the robot is not started"}
 
-  defp standing({_, name} = check, %{state: :up} = row, checks) do
+  defp component_event({_, name} = check, %{state: :up} = row, checks) do
     if row.restarts > Map.get(checks.restarts, name, row.restarts),
-      do: {:bad, check, "was started again: #{words(%{row | reason: row.last_error})}"},
+      do: {:bad, check, "was started again: #{format_row(%{row | reason: row.last_error})}"},
       else: {:good, check}
   end
 
-  defp standing(check, row, _checks), do: {:bad, check, words(row)}
+  defp component_event(check, row, _checks), do: {:bad, check, format_row(row)}
 
-  defp words(%{reason: nil, state: state}), do: to_string(state)
-  defp words(row), do: "#{row.state}: #{row.error}"
+  defp format_row(%{reason: nil, state: state}), do: to_string(state)
+  defp format_row(row), do: "#{row.state}: #{row.error}"
 
   # The bus. Subscriptions end with the robot's root.
 
@@ -240,6 +247,6 @@ defmodule BB.Firmware.Guard.Checks do
 
     if Adapter.reaches?(state, checks.reach),
       do: [{:good, :network}],
-      else: [{:bad, :network, "#{state}, and #{checks.reach} is wanted"}]
+      else: [{:bad, :network, "#{state}, and #{checks.reach} is required"}]
   end
 end

@@ -1,27 +1,31 @@
 defmodule BB.Firmware.Guard.Heart do
   @moduledoc """
-  What the VM's heart asks while a firmware is not yet validated: whether there is still time.
+  The callback of the VM's heart while firmware is on trial. `BB.Firmware.Guard` sets it.
 
-  The guard itself may hang or be gone. So the heart stops at the guard's deadline and a minute, which restarts the board, and with that the
-  board takes the firmware before this one. `check/0` compares two numbers: a heart's callback that is slow or raises restarts the board too.
+  The guard itself may hang or have ended. So the heart stops one minute after the guard's
+  deadline. This restarts the board, which then starts the previous firmware. `check/0` only
+  compares two numbers, because a callback that is slow or raises restarts the board too.
   """
+  @moduledoc no_example: "internal: BB.Firmware.Guard is its interface"
 
   @grace_ms 60_000
 
-  @doc "The callback, as `:heart.set_callback/2` takes it."
+  @doc "Returns the callback for `:heart.set_callback/2`."
   @spec callback() :: {module(), :check}
   def callback, do: {__MODULE__, :check}
 
-  @doc "Sets the time after which the heart stops: `deadline_ms` on the monotonic clock and a minute."
+  @doc """
+  Sets the time at which the heart stops: one minute after `deadline_ms` on the monotonic clock.
+  """
   @spec wind(integer()) :: :ok
   def wind(deadline_ms), do: :persistent_term.put(__MODULE__, deadline_ms + @grace_ms)
 
-  @doc "What the heart calls."
+  @doc "Returns `:error` once the time is over. The heart calls it."
   @spec check() :: :ok | :error
   def check, do: check(System.monotonic_time(:millisecond), :persistent_term.get(__MODULE__, nil))
 
   @doc """
-  The same for a time and the time of the end.
+  Compares a time with the time at which the heart stops.
 
       iex> BB.Firmware.Guard.Heart.check(100, 101)
       :ok

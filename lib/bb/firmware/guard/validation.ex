@@ -1,12 +1,16 @@
 defmodule BB.Firmware.Guard.Validation do
   @moduledoc """
-  Whether new firmware stays: events in, what to do out. Pure; the clock is an argument, in milliseconds, and never goes back.
+  Decides whether new firmware is validated or reverted, as a state machine with events and
+  effects. Pure; the clock is an argument, in milliseconds, and never goes back.
+  `BB.Firmware.Guard` runs it.
 
-  A *check* is anything that can be good or bad: a sensor, a round trip, the network. It is good from a `{:good, check}` on, for as long as
-  another one follows within `fresh_ms`, and until `{:bad, check, reason}`. Whoever says nothing is not good.
+  A *check* is good or bad: a sensor, a round trip, the network. It becomes good with
+  `{:good, check}`, stays good while such an event follows within `fresh_ms`, and becomes bad with
+  `{:bad, check, reason}`. A check without events is not good.
 
-  Firmware is validated when all required checks have been good together, without a break, for `stability_ms`. When that has not
-  happened by `deadline_ms`, the board reverts. A break begins the window anew, so that what flaps is never validated.
+  Firmware is validated when all required checks have been good together for `stability_ms`,
+  without a break. A break restarts the window, so that flapping firmware is never validated.
+  The board reverts when the firmware is not validated by `deadline_ms`.
 
       :asking ── :unvalidated ─► :watching ── stable ─► :validating ── :ok ─► :validated
          │                          │  ▲                     │
@@ -14,9 +18,10 @@ defmodule BB.Firmware.Guard.Validation do
          │                          └─ deadline ─► :reverting ◄┘ deadline
          └─ :validated, :unknown, deadline ─► :settled
 
-  What to do is a list of effects: `:set_heart`, `:init_complete`, `:validate`, `:clear_heart`, `:revert`. Each but
-  `:validate`, which is repeated after an error, comes once at most.
+  The effects are `:set_heart`, `:init_complete`, `:validate`, `:clear_heart` and `:revert`. Each
+  occurs at most once, except `:validate`, which is repeated after an error.
   """
+  @moduledoc no_example: "internal: BB.Firmware.Guard is its interface"
 
   @retry_ms 1_000
 
@@ -45,8 +50,9 @@ defmodule BB.Firmware.Guard.Validation do
           | :tick
 
   @typedoc """
-  Why a check does not hold: `{:silent, ms}` since it was good last, or `:never` was; `{:bad, reason}`; `{:good_for, ms, breaks, last_reason}`, which
-  is not long enough.
+  The reason for which a check does not hold: it was `:never` good; it was good last `{:silent,
+  ms}` ago; it is `{:bad, reason}`; or it is `{:good_for, ms, breaks, last_reason}`, which is
+  too short.
   """
   @type reason ::
           :never
@@ -57,17 +63,22 @@ defmodule BB.Firmware.Guard.Validation do
   @type t :: %__MODULE__{}
 
   @doc """
-  Begins. Options, all required: `required:` a list of checks, `stability_ms:`, `fresh_ms:`, and `deadline_ms:`, which is a time on the clock.
+  Makes a validation.
+
+  Options, all required: `required:` a list of checks, `stability_ms:`, `fresh_ms:`, and
+  `deadline_ms:`, a time on the clock.
   """
   @spec new(keyword()) :: t()
   def new(opts), do: struct!(__MODULE__, opts)
 
-  @doc "What happened, and what is to be done about it."
+  @doc "Handles an event, and returns the effects that follow from it."
   @spec handle(t(), event(), integer()) :: {t(), [effect()]}
   def handle(validation, event, now_ms),
-    do: validation |> note(event, now_ms) |> decide(event, now_ms)
+    do: validation |> put_event(event, now_ms) |> decide(event, now_ms)
 
-  @doc "The required checks that do not hold yet, and why; a failed validation as `:validation`."
+  @doc """
+  Returns the required checks that do not hold, with reasons; `:validation` for a failed one.
+  """
   @spec reasons(t(), integer()) :: [{check(), reason()}]
   def reasons(validation, now_ms) do
     failed = for error <- List.wrap(validation.validation_error), do: {:validation, {:bad, error}}
@@ -78,19 +89,19 @@ defmodule BB.Firmware.Guard.Validation do
           do: {check, reason}
   end
 
-  @doc "Whether it is over: nothing more will be done."
+  @doc "Returns whether the validation is over, so that no effect will follow."
   @spec over?(t()) :: boolean()
   def over?(validation), do: validation.phase in [:validated, :reverting, :settled]
 
-  # What is known
+  # Checks
 
-  defp note(validation, {:good, check}, now_ms),
+  defp put_event(validation, {:good, check}, now_ms),
     do: update(validation, check, &good(&1, now_ms, validation.fresh_ms))
 
-  defp note(validation, {:bad, check, reason}, _now_ms),
+  defp put_event(validation, {:bad, check, reason}, _now_ms),
     do: update(validation, check, &bad(&1, reason))
 
-  defp note(validation, _event, _now_ms), do: validation
+  defp put_event(validation, _event, _now_ms), do: validation
 
   @unseen %{since_ms: nil, last_ms: nil, reason: nil, breaks: 0}
 
@@ -116,7 +127,7 @@ defmodule BB.Firmware.Guard.Validation do
   defp bad(seen, reason),
     do: %{seen | since_ms: nil, breaks: seen.breaks + 1, reason: {:bad, reason}}
 
-  # What follows
+  # Phases
 
   defp decide(%{phase: :asking} = validation, {:status, :unvalidated}, now_ms) do
     {validation, effects} =
@@ -129,7 +140,7 @@ defmodule BB.Firmware.Guard.Validation do
        when status in [:validated, :unknown],
        do: {%{validation | phase: :settled, status: status}, [:init_complete]}
 
-  # A board that cannot tell at all is left as it is: reverting what may be good old firmware would be worse.
+  # A board that never answers keeps its firmware, which may be good old firmware.
   defp decide(%{phase: :asking, deadline_ms: deadline_ms} = validation, _event, now_ms)
        when now_ms >= deadline_ms,
        do: {%{validation | phase: :settled, status: :unknown}, [:init_complete]}

@@ -1,11 +1,14 @@
 defmodule BB.Firmware.Network.Adapter do
   @moduledoc """
-  Where the state of the network comes from: `{module, handle}`, a module with the callbacks below and what it is called with.
+  The adapter to the network of a board: a behaviour, and the functions that call it. Implement
+  it for a board without VintageNet.
 
-    * `BB.Firmware.Network.VintageNet` - a board's own network
-    * `BB.Firmware.Network.None` - one that is not the robot's: the host
+      config :ganglion, network: {BB.Firmware.Network.VintageNet, []}
 
-  Which one it is says `config :ganglion, :network`.
+  An adapter is `{module, handle}`: a module with the callbacks below, and their first argument.
+
+    * `BB.Firmware.Network.VintageNet` - the network of a board with VintageNet
+    * `BB.Firmware.Network.None` - no network of the robot's own: the default, for the host
   """
 
   alias BB.Message.Network.Connection
@@ -17,28 +20,28 @@ defmodule BB.Firmware.Network.Adapter do
           country: String.t() | nil
         }
 
-  @doc "Sends the calling process a message at each change from now on."
+  @doc "Subscribes the calling process to a message at each change."
   @callback subscribe(handle :: term()) :: :ok
 
-  @doc "The state as it is now."
+  @doc "Returns the current state of the network."
   @callback state(handle :: term()) :: Connection.state()
 
-  @doc "The state that such a message tells, `:error` when it is about something else."
+  @doc "Returns the state in a message of the subscription, `:error` for any other message."
   @callback change(handle :: term(), message :: term()) :: {:ok, Connection.state()} | :error
 
-  @doc "Gives the board that name on its network."
+  @doc "Sets the name of the board on its network."
   @callback name(handle :: term(), String.t()) :: :ok | {:error, term()}
 
-  @doc "Joins that Wi-Fi, unless a person has set one up on the board itself. `nil` for none given."
+  @doc "Joins a Wi-Fi, unless a person has set one up on the board itself."
   @callback join(handle :: term(), wifi()) :: :ok | {:error, term()}
 
-  @doc "The source that the configuration names."
+  @doc "Returns the configured adapter."
   @spec configured() :: t()
   def configured, do: Application.get_env(:ganglion, :network, {BB.Firmware.Network.None, []})
 
   @doc """
-  Subscribes, and only then asks for the state, so that no change goes by. Raises or exits when the
-  source is not there.
+  Subscribes the calling process, and then returns the state, so that no change is missed.
+  Raises or exits when the network does not run.
   """
   @spec subscribe(t()) :: Connection.state()
   def subscribe({module, handle}) do
@@ -47,7 +50,7 @@ defmodule BB.Firmware.Network.Adapter do
   end
 
   @doc """
-  See `c:state/1`. `:unknown` when the source cannot be asked.
+  Calls `c:state/1`. Returns `:unknown` after a failure.
 
       iex> BB.Firmware.Network.Adapter.state({NoNetwork, []})
       :unknown
@@ -59,7 +62,7 @@ defmodule BB.Firmware.Network.Adapter do
     _kind, _reason -> :unknown
   end
 
-  @doc "See `c:change/2`. `:error` also when the source cannot tell."
+  @doc "Calls `c:change/2`. Returns `:error` also after a failure."
   @spec change(t(), term()) :: {:ok, Connection.state()} | :error
   def change({module, handle}, message) do
     module.change(handle, message)
@@ -67,15 +70,15 @@ defmodule BB.Firmware.Network.Adapter do
     _kind, _reason -> :error
   end
 
-  @doc "See `c:name/2`. What goes wrong is an error."
+  @doc "Calls `c:name/2`. Returns `{:error, reason}` after a failure."
   @spec name(t(), String.t()) :: :ok | {:error, term()}
-  def name({module, handle}, name), do: try_to(fn -> module.name(handle, name) end)
+  def name({module, handle}, name), do: safely(fn -> module.name(handle, name) end)
 
-  @doc "See `c:join/2`. What goes wrong is an error."
+  @doc "Calls `c:join/2`. Returns `{:error, reason}` after a failure."
   @spec join(t(), wifi()) :: :ok | {:error, term()}
-  def join({module, handle}, wifi), do: try_to(fn -> module.join(handle, wifi) end)
+  def join({module, handle}, wifi), do: safely(fn -> module.join(handle, wifi) end)
 
-  defp try_to(fun) do
+  defp safely(fun) do
     fun.()
   rescue
     error -> {:error, Exception.message(error)}
@@ -84,7 +87,7 @@ defmodule BB.Firmware.Network.Adapter do
   end
 
   @doc """
-  Whether a state reaches at least as far as another.
+  Returns whether a state reaches at least as far as another.
 
       iex> BB.Firmware.Network.Adapter.reaches?(:internet, :lan)
       true

@@ -1,5 +1,11 @@
 defmodule BB.Firmware.Network.None do
-  @moduledoc "No network of the robot's own: its state is `:unknown` and never changes."
+  @moduledoc """
+  The network adapter of the host: its state is `:unknown` and never changes. It is the default of
+  `BB.Firmware.Network.Adapter`.
+
+      iex> BB.Firmware.Network.Adapter.state({BB.Firmware.Network.None, []})
+      :unknown
+  """
 
   @behaviour BB.Firmware.Network.Adapter
 

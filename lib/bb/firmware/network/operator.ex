@@ -1,23 +1,26 @@
 defmodule BB.Firmware.Network.Operator do
   @moduledoc """
-  Whether an armed robot has lost its operator. Pure; the clock is an argument, in milliseconds.
+  The watchdog for the operator of an armed robot. Pure; the clock is an argument, in
+  milliseconds. `BB.Firmware.Network` runs it.
 
-  An operator is heard by its signs of life. A robot that was armed and hears none for `after_ms`, counted from the last sign or from
-  its arming, whichever is later, is to be disarmed; said again each `after_ms`, should it stay armed. A robot that is not
-  armed needs no operator, and one that declares nothing (`after_ms` is `nil`) never does.
+  The robot must be disarmed when no sign of life has come for `after_ms`, counted from the last
+  sign or from the arming, whichever is later. `handle/4` repeats this every `after_ms` while
+  the robot stays armed. A disarmed robot needs no operator, and neither does a robot with
+  `after_ms` of `nil`.
   """
+  @moduledoc no_example: "handle/4 has an example"
 
   defstruct [:after_ms, :since_ms]
 
   @type t :: %__MODULE__{after_ms: pos_integer() | nil, since_ms: integer() | nil}
   @type event :: :sign | :tick
 
-  @doc "For a robot that bears so many milliseconds without an operator."
+  @doc "Makes a watchdog with a timeout in milliseconds, or `nil` for none."
   @spec new(pos_integer() | nil) :: t()
   def new(after_ms), do: %__MODULE__{after_ms: after_ms}
 
   @doc """
-  What happened, whether the robot is armed now, and when: what follows is `:disarm` or `:nothing`.
+  Handles an event, with the present state and time of the robot. Returns `:disarm` or `:nothing`.
 
       iex> alias BB.Firmware.Network.Operator
       iex> {operator, :nothing} = Operator.handle(Operator.new(2_000), :tick, true, 0)

@@ -1,11 +1,16 @@
 defmodule BB.Firmware.Network.VintageNet do
-  @moduledoc "The network of a board, as VintageNet sees it: the best connection of all its interfaces. Its name is told by mDNS."
+  @moduledoc """
+  The network adapter of a board with VintageNet. Its state is the best connection of all
+  interfaces; mDNS publishes the name of the board.
+
+      config :ganglion, network: {BB.Firmware.Network.VintageNet, []}
+  """
 
   @behaviour BB.Firmware.Network.Adapter
 
   alias VintageNetWiFi.Cookbook
 
-  # They are there on boards alone, and there the compiler shall check what is called.
+  # These modules exist on boards alone, where the compiler checks the calls.
   unless Code.ensure_loaded?(VintageNet),
     do: @compile({:no_warn_undefined, [VintageNet, Cookbook, MdnsLite]})
 
@@ -16,16 +21,16 @@ defmodule BB.Firmware.Network.VintageNet do
   def subscribe(_handle), do: VintageNet.subscribe(@property)
 
   @impl BB.Firmware.Network.Adapter
-  def state(_handle), do: known(VintageNet.get(@property, :disconnected))
+  def state(_handle), do: state_of(VintageNet.get(@property, :disconnected))
 
   @impl BB.Firmware.Network.Adapter
-  def change(_handle, {VintageNet, @property, _old, new, _meta}), do: {:ok, known(new)}
+  def change(_handle, {VintageNet, @property, _old, new, _meta}), do: {:ok, state_of(new)}
   def change(_handle, _message), do: :error
 
   @impl BB.Firmware.Network.Adapter
   def name(_handle, name), do: MdnsLite.set_hosts([:hostname, name])
 
-  # Not persisted: what a person sets up on the board is, and goes before the card.
+  # Not persisted, because a persisted Wi-Fi is one that a person has set up on the board.
   @impl BB.Firmware.Network.Adapter
   def join(_handle, wifi) do
     with false <- set_up?(VintageNet.get_configuration(@wifi)),
@@ -48,6 +53,6 @@ defmodule BB.Firmware.Network.VintageNet do
   defp in_country(config, country),
     do: put_in(config, [:vintage_net_wifi, :regulatory_domain], country)
 
-  defp known(state) when state in [:disconnected, :lan, :internet], do: state
-  defp known(_state), do: :disconnected
+  defp state_of(state) when state in [:disconnected, :lan, :internet], do: state
+  defp state_of(_state), do: :disconnected
 end

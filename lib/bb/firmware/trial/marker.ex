@@ -1,21 +1,24 @@
 defmodule BB.Firmware.Trial.Marker do
   @moduledoc """
-  What is known of an update on its way, and what a board's start makes of it. Pure.
+  The marker of an update on trial, and the decision at each start of the board. Pure.
+  `BB.Firmware.Trial` reads and writes it.
 
-      accepted ── the image is in place ─► written ── another firmware runs ─► started
-         │                                    │                                   │
-         └─ the same firmware runs: dropped   └─ the same firmware runs:          └─ validated, or
-                                                 it was reverted unseen              another runs: reverted
+      accepted ── firmware written ─► written ── another firmware runs ─► started
+         │                               │                                   │
+         └─ same firmware runs:          └─ same firmware runs:              └─ validated, or
+            dropped                         reverted unseen                     another one runs:
+                                                                                reverted
 
-  Firmware is named by its id, `{uuid, slot}`: the same image can be written again, to the other
-  slot. Each start of the machine has a name too (`boot`), so that looking twice in one start
-  changes nothing.
+  The id of a firmware is `{uuid, slot}`, because the same image can be written to the other slot.
+  Each start of the machine has an id too (`boot`), so that a second call in one start changes
+  nothing.
 
-  `by` says who falls back: `:board` where the board's own state is `:unvalidated`, and `:guard`
-  on a board that has no such state: `BB.Firmware.Guard` tries the firmware there, and reverts it.
-  Firmware that was started #{3} times there without a verdict is reverted before anything else of
+  `by` is the part that reverts: `:board` when the board itself reports `:unvalidated`, and
+  `:guard` on a board without validation, where `BB.Firmware.Guard` tries the firmware and
+  reverts it. There, firmware that was started three times without a verdict is reverted before
   it runs.
   """
+  @moduledoc no_example: "internal: BB.Firmware.Trial is its interface"
 
   alias BB.Firmware.Board
 
@@ -24,7 +27,7 @@ defmodule BB.Firmware.Trial.Marker do
 
   defstruct [:state, :boot, :from, :firmware, :version, :by, :verdict, starts: 0, notes: []]
 
-  @typedoc "A firmware: its uuid, and its slot where that is known."
+  @typedoc "A firmware: its uuid, and its slot or `nil`."
   @type id :: {uuid :: String.t(), slot :: String.t() | nil}
 
   @type t :: %__MODULE__{
@@ -39,40 +42,49 @@ defmodule BB.Firmware.Trial.Marker do
           notes: [String.t()]
         }
 
-  @typedoc "What runs: its id and version, and what the board says of it."
+  @typedoc "The running firmware: its id and version, and the board's state of it."
   @type running :: %{id: id(), version: String.t() | nil, status: Board.status()}
 
   @typedoc """
-  What is to be done: tell that the marker's firmware is gone (`by` whom), revert the running one,
-  or give that up.
+  An action: report that the marker's firmware was reverted, revert the running firmware, or
+  give up the revert.
   """
   @type action :: {:reverted, t(), by :: String.t()} | {:revert, t()} | {:give_up, t()}
 
-  @doc "What a start of the machine makes of the marker that it finds."
+  @doc """
+  Decides at a start of the machine, from the marker: returns the new marker and the actions.
+  """
   @spec at_start(t() | nil, running(), boot :: String.t()) :: {t() | nil, [action()]}
   def at_start(%{boot: boot} = marker, _running, boot), do: {marker, []}
 
-  def at_start(nil, running, boot), do: {fresh(running, boot), []}
+  def at_start(nil, running, boot), do: {new_marker(running, boot), []}
 
   def at_start(%{state: :started} = marker, running, boot) do
     if same?(marker.firmware, running.id),
-      do: again(%{marker | boot: boot, starts: marker.starts + 1}, running),
-      else: {fresh(running, boot), [{:reverted, marker, marker.verdict || unseen(marker)}]}
+      do: count_start(%{marker | boot: boot, starts: marker.starts + 1}, running),
+      else:
+        {new_marker(running, boot),
+         [{:reverted, marker, marker.verdict || describe_unseen(marker)}]}
   end
 
-  def at_start(%{from: nil} = _marker, running, boot), do: {fresh(running, boot), []}
+  def at_start(%{from: nil} = _marker, running, boot), do: {new_marker(running, boot), []}
 
   def at_start(marker, running, boot) do
     case {same?(marker.from, running.id), marker.state} do
-      {false, _state} -> {begin(marker.from, running, boot), []}
-      {true, :accepted} -> {fresh(running, boot), []}
-      {true, :written} -> {fresh(running, boot), [{:reverted, marker, unseen(marker)}]}
+      {false, _state} ->
+        {begin(marker.from, running, boot), []}
+
+      {true, :accepted} ->
+        {new_marker(running, boot), []}
+
+      {true, :written} ->
+        {new_marker(running, boot), [{:reverted, marker, describe_unseen(marker)}]}
     end
   end
 
-  # Without a marker the board's own word is all there is.
-  defp fresh(%{status: :unvalidated} = running, boot), do: begin(nil, running, boot)
-  defp fresh(_running, _boot), do: nil
+  # Without a marker the state of the board counts.
+  defp new_marker(%{status: :unvalidated} = running, boot), do: begin(nil, running, boot)
+  defp new_marker(_running, _boot), do: nil
 
   defp begin(from, running, boot) do
     %__MODULE__{
@@ -86,29 +98,29 @@ defmodule BB.Firmware.Trial.Marker do
     }
   end
 
-  # It was validated, and the power failed before that was noted here.
-  defp again(%{by: :board}, %{status: :validated}), do: {nil, []}
-  defp again(%{by: :board} = marker, _running), do: {marker, []}
+  # The power failed after the validation, before the marker was removed.
+  defp count_start(%{by: :board}, %{status: :validated}), do: {nil, []}
+  defp count_start(%{by: :board} = marker, _running), do: {marker, []}
 
-  defp again(%{starts: starts} = marker, running) when starts > @starts + @attempts,
-    do: {fresh(running, marker.boot), [{:give_up, marker}]}
+  defp count_start(%{starts: starts} = marker, running) when starts > @starts + @attempts,
+    do: {new_marker(running, marker.boot), [{:give_up, marker}]}
 
-  defp again(%{starts: starts} = marker, _running) when starts > @starts do
+  defp count_start(%{starts: starts} = marker, _running) when starts > @starts do
     marker = %{marker | verdict: marker.verdict || "the board, after #{@starts} starts in vain"}
     {marker, [{:revert, marker}]}
   end
 
-  defp again(%{verdict: nil} = marker, _running), do: {marker, []}
-  defp again(marker, _running), do: {marker, [{:revert, marker}]}
+  defp count_start(%{verdict: nil} = marker, _running), do: {marker, []}
+  defp count_start(marker, _running), do: {marker, [{:revert, marker}]}
 
-  defp unseen(%{state: :started}),
+  defp describe_unseen(%{state: :started}),
     do: "the board: a power cut, its watchdog or its heart ended the trial"
 
-  defp unseen(_written),
+  defp describe_unseen(_written),
     do: "the board: the firmware ended before it could say that it had started"
 
   @doc """
-  Whether two ids mean the same firmware. A slot that is not known is no difference.
+  Returns whether two ids mean the same firmware. An unknown slot matches any slot.
 
       iex> BB.Firmware.Trial.Marker.same?({"u", "a"}, {"u", nil})
       true
@@ -119,15 +131,15 @@ defmodule BB.Firmware.Trial.Marker do
   def same?({uuid, one}, {uuid, other}), do: one == nil or other == nil or one == other
   def same?(_one, _other), do: false
 
-  @doc "The marker as text."
+  @doc "Encodes the marker as text."
   @spec encode(t()) :: String.t()
   def encode(marker) do
     lines =
       [
         state: Atom.to_string(marker.state),
         boot: marker.boot,
-        from: words(marker.from),
-        firmware: words(marker.firmware),
+        from: format_id(marker.from),
+        firmware: format_id(marker.firmware),
         version: marker.version,
         by: marker.by && Atom.to_string(marker.by),
         verdict: marker.verdict,
@@ -137,11 +149,11 @@ defmodule BB.Firmware.Trial.Marker do
     for {name, value} <- lines, value not in [nil, ""], into: "", do: "#{name} #{value}\n"
   end
 
-  defp words(nil), do: nil
-  defp words({uuid, nil}), do: uuid
-  defp words({uuid, slot}), do: "#{uuid} #{slot}"
+  defp format_id(nil), do: nil
+  defp format_id({uuid, nil}), do: uuid
+  defp format_id({uuid, slot}), do: "#{uuid} #{slot}"
 
-  @doc "The marker of such a text. `:error` for a text that is none."
+  @doc "Decodes a marker. Returns `:error` for any other text."
   @spec decode(String.t()) :: {:ok, t()} | :error
   def decode(text) do
     marker =
@@ -162,8 +174,8 @@ defmodule BB.Firmware.Trial.Marker do
     do: %{marker | by: String.to_existing_atom(by)}
 
   defp put(["boot", boot], marker), do: %{marker | boot: boot}
-  defp put(["from", id], marker), do: %{marker | from: id(id)}
-  defp put(["firmware", id], marker), do: %{marker | firmware: id(id)}
+  defp put(["from", id], marker), do: %{marker | from: parse_id(id)}
+  defp put(["firmware", id], marker), do: %{marker | firmware: parse_id(id)}
   defp put(["version", version], marker), do: %{marker | version: version}
   defp put(["verdict", verdict], marker), do: %{marker | verdict: verdict}
   defp put(["note", note], marker), do: %{marker | notes: [note | marker.notes]}
@@ -177,7 +189,7 @@ defmodule BB.Firmware.Trial.Marker do
 
   defp put(_unknown, marker), do: marker
 
-  defp id(text) do
+  defp parse_id(text) do
     case String.split(text) do
       [uuid, slot] -> {uuid, slot}
       [uuid | _rest] -> {uuid, nil}

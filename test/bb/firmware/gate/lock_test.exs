@@ -4,6 +4,8 @@ defmodule BB.Firmware.Gate.LockTest do
 
   alias BB.Firmware.Gate.Lock
 
+  doctest Lock
+
   @settle_ms 50
 
   property "one uploader at a time, none within the settling time of another, none after one that succeeded",

@@ -27,15 +27,15 @@ defmodule BB.Firmware.Guard.ChecksTest do
     robot = robot(do: sensors(do: sensor(:range, BB.Test.Probe, required: true)))
     start_supervised!(robot)
     assert eventually(fn -> health(robot, :range).state == :up end, 30_000)
-    {checks, events} = Checks.look(checks(robot))
+    {checks, events} = Checks.run(checks(robot))
     assert seen(events, {:sensor, :range}) == []
 
     restart(robot, :range)
-    {checks, events} = Checks.look(checks)
+    {checks, events} = Checks.run(checks)
     assert [{:bad, _check, "was started again: " <> why}] = seen(events, {:sensor, :range})
     assert why =~ "killed"
 
-    {checks, events} = Checks.look(checks)
+    {checks, events} = Checks.run(checks)
     assert seen(events, {:sensor, :range}) == []
     Checks.close(checks)
   end
@@ -49,11 +49,11 @@ defmodule BB.Firmware.Guard.ChecksTest do
 
     start_supervised!(robot)
     assert eventually(fn -> health(robot, :native).state == :up end, 30_000)
-    {checks, events} = Checks.look(checks(robot))
+    {checks, events} = Checks.run(checks(robot))
     assert seen(events, {:native, :native}) == [{:good, {:native, :native}}]
 
     restart(robot, :native)
-    {checks, events} = Checks.look(checks)
+    {checks, events} = Checks.run(checks)
     assert [{:bad, _check, "was started again: " <> _why}] = seen(events, {:native, :native})
     Checks.close(checks)
   end

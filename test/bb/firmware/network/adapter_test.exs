@@ -4,6 +4,7 @@ defmodule BB.Firmware.Network.AdapterTest do
   alias BB.Firmware.Network.{Adapter, None}
 
   doctest Adapter
+  doctest None
 
   test "without a network of its own the state is unknown, and reaches nowhere" do
     assert Adapter.subscribe({None, []}) == :unknown
