@@ -55,8 +55,7 @@ defmodule BB do
         do: %{id: __MODULE__, start: {__MODULE__, :start_link, [opts]}, type: :supervisor}
 
       @doc "Starts the robot. See `BB.Supervisor.start_link/2`."
-      @spec start_link(keyword()) ::
-              Supervisor.on_start() | {:error, BB.Options.ValidationError.t()}
+      @spec start_link(keyword()) :: Supervisor.on_start() | {:error, Exception.t()}
       def start_link(opts \\ []), do: BB.Supervisor.start_link(__MODULE__, opts)
     end
   end

@@ -99,7 +99,7 @@ defmodule BB.Firmware.ApplicationsTest do
     %{app: app, folder: folder} = context
     for _ <- 1..5, do: kill(app)
     assert_receive {Memory, :reboot}, 30_000
-    assert story?(folder, "(4 of 4)")
+    assert story?(folder, "start 4 of 4 follows")
     assert story?(folder, "starts do not help; the board restarts (time 1)")
     refute_received {Memory, :revert}
   end
