@@ -73,7 +73,7 @@ defmodule BB.Safety do
   """
 
   alias BB.{Message, Path, PubSub}
-  alias BB.Safety.{HardwareError, Record, Records, Round, Warden}
+  alias BB.Safety.{HardwareError, Record, Records, Round, Warden, Wardens}
 
   @type state :: Record.state()
   @type disarm_error :: Round.error()
@@ -128,7 +128,7 @@ defmodule BB.Safety do
     * `{:inhibited, [{path, reason}]}` - these paths forbid arming; see `inhibit/3`
   """
   @spec arm(module()) :: :ok | {:error, arm_error()}
-  def arm(robot), do: Warden.arm(robot)
+  def arm(robot), do: Wardens.arm(robot)
 
   @doc """
   Disarms the robot. Calls all handlers at once, and returns when the last one has returned or
@@ -156,7 +156,7 @@ defmodule BB.Safety do
              | :already_in_error
              | :not_registered
              | {:disarm_failed, [{Path.t(), disarm_error()}, ...]}}
-  def disarm(robot, opts \\ []), do: Warden.disarm(robot, timeout_ms!(opts))
+  def disarm(robot, opts \\ []), do: Wardens.disarm(robot, timeout_ms!(opts))
 
   @doc """
   Moves a robot from `:error` to `:disarmed` without calling a handler.
@@ -166,7 +166,7 @@ defmodule BB.Safety do
   Errors: `:not_in_error`, `:not_registered`.
   """
   @spec force_disarm(module()) :: :ok | {:error, :not_in_error | :not_registered}
-  def force_disarm(robot), do: Warden.force_disarm(robot)
+  def force_disarm(robot), do: Wardens.force_disarm(robot)
 
   @doc """
   Registers `module.disarm/1` as the handler for a path of a robot. It replaces the handler of
@@ -194,7 +194,7 @@ defmodule BB.Safety do
   end
 
   defp ensure_known(robot),
-    do: if(Records.known?(robot), do: :ok, else: Warden.watch(robot, :component))
+    do: if(Records.known?(robot), do: :ok, else: Wardens.watch(robot, :component))
 
   @doc """
   Forbids arming until `allow/2` is called for the same path, whichever process dies meanwhile.
@@ -240,7 +240,7 @@ defmodule BB.Safety do
   its root.
   """
   @spec vouch(module(), Path.t()) :: :ok
-  def vouch(robot, path), do: Warden.vouch(robot!(robot), Path.validate!(path))
+  def vouch(robot, path), do: Wardens.vouch(robot!(robot), Path.validate!(path))
 
   @doc "Returns the inhibitions of a robot: `[{path, reason}]`."
   @spec inhibitions(module()) :: [{Path.t(), reason :: term()}]

@@ -92,16 +92,15 @@ defmodule BB.Supervisor do
   def format_error(error) when is_exception(error), do: Exception.message(error)
   def format_error(reason), do: Exception.format_exit(reason)
 
-  # The bytes of an inhibition's reason, which a table holds as long as the component forbids
-  # arming.
+  # The greatest size of an inhibition's reason in bytes. A table holds the reason.
   @largest_reason 65_536
 
   @impl Supervisor
   def init({robot, given}) do
     _ = inhibit(robot)
-    BB.Safety.Warden.watch(robot, :root)
+    BB.Safety.Wardens.watch(robot, :root)
 
-    # Components come last, so that they find their buses when they are disarmed at the end.
+    # Handlers run when the latch ends, before the simulated buses end.
     children =
       [
         Successor.child_spec(BB.Process.registry_spec(robot)),

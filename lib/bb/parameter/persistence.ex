@@ -100,7 +100,7 @@ defmodule BB.Parameter.Persistence do
 
   @impl GenServer
   def terminate(_reason, state) do
-    # Requests are not served when the store is not open.
+    # Does not wait for a store that is not open.
     _ = if state.session, do: close(serve(take_waiting(:infinity), state))
     Enum.each([:not_kept, :damaged], &Alarm.clear(alarm(state.robot, &1)))
   end

@@ -146,7 +146,7 @@ defmodule BB.Parameter.Values do
     end)
   end
 
-  # When the table is gone, its row is gone too.
+  # The table may have been deleted, and its rows with it.
   defp unless_gone(otherwise, fun) do
     fun.()
   rescue

@@ -22,7 +22,7 @@ defmodule BB.Safety.Host do
   use GenServer
   use BB.Process.Tolerant
 
-  alias BB.Safety.{Records, Supervisor, Warden}
+  alias BB.Safety.{Records, Supervisor, Warden, Wardens}
 
   @retry_ms 5
   @patience_ms 10_000
@@ -60,13 +60,13 @@ defmodule BB.Safety.Host do
   end
 
   # Each robot has a process of its own, so that no robot waits for the handlers of another, and
-  # this process always replies. A late one does not disarm a robot that was armed under the next
-  # host.
+  # this process always replies. A late process does not disarm a robot that was armed under the
+  # next host.
   defp secure_all do
     moment = Warden.moment()
 
     for record <- Records.records() do
-      {_pid, ref} = spawn_monitor(Warden, :secure, [record.robot, moment])
+      {_pid, ref} = spawn_monitor(Wardens, :secure, [record.robot, moment])
       ref
     end
   end

@@ -11,7 +11,7 @@ defmodule BB.Safety.Latch do
   use GenServer, shutdown: :infinity
   use BB.Process.Tolerant
 
-  alias BB.Safety.Warden
+  alias BB.Safety.Wardens
 
   @doc "Starts the latch of a robot."
   @spec start_link(module()) :: GenServer.on_start()
@@ -24,6 +24,6 @@ defmodule BB.Safety.Latch do
   end
 
   @impl GenServer
-  def terminate(:shutdown, robot), do: Warden.secure(robot)
+  def terminate(:shutdown, robot), do: Wardens.secure(robot)
   def terminate(_reason, _robot), do: :ok
 end

@@ -16,7 +16,7 @@ defmodule BB.Safety.Supervisor do
 
   use Supervisor
 
-  alias BB.Safety.{Host, Records, Warden}
+  alias BB.Safety.{Host, Records, Wardens}
 
   # Wardens that are killed many times do not end the others.
   @restarts [max_restarts: 1_000, max_seconds: 1]
@@ -47,11 +47,11 @@ defmodule BB.Safety.Supervisor do
   @impl Supervisor
   def init(_opts) do
     Records.create()
-    await_end(Process.whereis(BB.Safety.Wardens))
+    await_end(Process.whereis(Wardens))
     await_end(Process.whereis(Host))
 
     children = [
-      {DynamicSupervisor, [name: BB.Safety.Wardens, strategy: :one_for_one] ++ @restarts},
+      {DynamicSupervisor, [name: Wardens, strategy: :one_for_one] ++ @restarts},
       Host,
       %{id: :resume, start: {Task, :start_link, [__MODULE__, :resume, []]}, restart: :transient}
     ]
@@ -76,5 +76,5 @@ defmodule BB.Safety.Supervisor do
 
   @doc "Starts a warden for each robot with a record."
   @spec resume() :: :ok
-  def resume, do: Enum.each(Records.records(), &Warden.resume/1)
+  def resume, do: Enum.each(Records.records(), &Wardens.resume/1)
 end

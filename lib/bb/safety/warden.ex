@@ -1,7 +1,7 @@
 defmodule BB.Safety.Warden do
   @moduledoc """
   Decides about one robot's safety and runs its disarmings, outside of the robot's own processes.
-  `BB.Safety` calls it.
+  `BB.Safety` calls it through `BB.Safety.Wardens`.
 
   All its knowledge is in `BB.Safety.Records`: the successor of a killed warden continues where
   the warden stopped, also in the middle of a disarming. A warden calls no code of a user:
@@ -18,10 +18,7 @@ defmodule BB.Safety.Warden do
 
   alias BB.Safety.{Events, Record, Records, Round}
 
-  @supervisor BB.Safety.Wardens
   @timeout_ms 5_000
-  @retry_ms 5
-  @patience_ms 10_000
 
   @enforce_keys [:record]
   defstruct [:record, :deadline, watched: %{}, runs: %{}, waiting: []]
@@ -31,100 +28,13 @@ defmodule BB.Safety.Warden do
   @typedoc "Greater than the epoch of each arming before, less than that of each arming after it."
   @type moment :: pos_integer()
 
-  # Interface
-
   @doc "Returns the default timeout of handlers in milliseconds."
   @spec default_timeout_ms() :: pos_integer()
   def default_timeout_ms, do: @timeout_ms
 
-  @doc """
-  Watches the calling process as the `:root` or the `:topology` of a robot. Its end disarms the
-  robot. A `:component` takes the place of the root when the robot has none, because the component
-  was started alone.
-  """
-  @spec watch(module(), role()) :: :ok
-  def watch(robot, role) do
-    unless Records.running?(),
-      do: raise("BB.Safety is not running; start the application :ganglion before a robot")
-
-    pid = self()
-    retry(fn _attempt -> start_and_watch(robot, role, pid) end)
-  end
-
-  @doc """
-  Makes the calling process the voucher of a path. When it ends, the path inhibits arming, and an
-  armed robot is disarmed.
-  """
-  @spec vouch(module(), [atom()]) :: :ok
-  def vouch(robot, path) do
-    pid = self()
-
-    retry(fn _attempt ->
-      unless Records.known?(robot), do: watch(robot, :component)
-      GenServer.call(name(robot), {:vouch, path, pid}, :infinity)
-    end)
-  end
-
-  @doc "Arms the robot."
-  @spec arm(module()) :: :ok | {:error, term()}
-  def arm(robot) do
-    ref = make_ref()
-    seen = with {:ok, epoch} <- Records.epoch(robot), do: epoch
-    request(robot, {:arm, ref, :first}, {:arm, ref, seen})
-  end
-
-  @doc "Disarms the robot, and returns when its handlers have returned."
-  @spec disarm(module(), pos_integer()) :: :ok | {:error, term()}
-  def disarm(robot, timeout_ms), do: request(robot, {:disarm, make_ref(), timeout_ms})
-
-  @doc "Moves a robot from `:error` to `:disarmed`."
-  @spec force_disarm(module()) :: :ok | {:error, term()}
-  def force_disarm(robot), do: request(robot, {:force_disarm, make_ref()})
-
-  @doc """
-  Disarms a robot that was armed before a moment, and waits for a disarming in progress. A robot
-  that was armed later stays armed.
-  """
-  @spec secure(module(), moment()) :: :ok | {:error, term()}
-  def secure(robot, moment \\ moment()), do: request(robot, {:secure, moment})
-
   @doc "Returns the present moment, comparable with the epochs of all robots."
   @spec moment() :: moment()
   def moment, do: System.unique_integer([:positive, :monotonic])
-
-  # A warden with a record takes no role at its start, which may be a repeated start.
-  defp start_and_watch(robot, role, pid) do
-    _ = start(robot, role, pid)
-    GenServer.call(name(robot), {:watch, role, pid}, :infinity)
-  end
-
-  defp start(robot, role, pid),
-    do: DynamicSupervisor.start_child(@supervisor, {__MODULE__, {robot, role, pid}})
-
-  # The successor of a warden that dies gets the request again, and knows its result.
-  defp request(robot, request), do: request(robot, request, request)
-
-  defp request(robot, request, again) do
-    retry(fn attempt ->
-      if Records.known?(robot),
-        do: GenServer.call(name(robot), if(attempt == 1, do: request, else: again), :infinity),
-        else: {:error, :not_registered}
-    end)
-  end
-
-  defp retry(fun), do: retry(fun, 1, System.monotonic_time(:millisecond) + @patience_ms)
-
-  defp retry(fun, attempt, until_ms) do
-    fun.(attempt)
-  catch
-    :exit, reason ->
-      if System.monotonic_time(:millisecond) > until_ms, do: exit(reason)
-      Process.sleep(@retry_ms)
-      BB.Safety.Supervisor.start()
-      retry(fun, attempt + 1, until_ms)
-  end
-
-  # The process
 
   @doc """
   Starts the warden of a robot, in which `pid` has a role.
@@ -152,16 +62,9 @@ defmodule BB.Safety.Warden do
     receive do: ({:DOWN, ^ref, :process, ^warden, _reason} -> start_link(argument))
   end
 
-  @doc "Starts the warden of a robot with a record, unless it runs."
-  @spec resume(Record.t()) :: :ok
-  def resume(%{robot: robot}) do
-    retry(fn _attempt ->
-      _ = start(robot, :nobody, nil)
-      :ok
-    end)
-  end
-
-  defp name(robot), do: Module.concat(robot, Safety)
+  @doc "Returns the registered name of a robot's warden."
+  @spec name(module()) :: module()
+  def name(robot), do: Module.concat(robot, Safety)
 
   @impl GenServer
   def init({robot, role, pid}) do

@@ -42,7 +42,7 @@ defmodule BB.Supervisor.Topology do
 
   @impl Supervisor
   def init({robot, part}) do
-    if part == nil, do: BB.Safety.Warden.watch(robot, :topology)
+    if part == nil, do: BB.Safety.Wardens.watch(robot, :topology)
     declared = robot.robot()
 
     components =

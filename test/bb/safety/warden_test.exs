@@ -81,7 +81,7 @@ defmodule BB.Safety.WardenTest do
     test "is disarmed if it was armed before" do
       {robot, _root} = start()
       :ok = Safety.arm(robot)
-      assert Safety.Warden.secure(robot, Safety.Warden.moment()) == :ok
+      assert Safety.Wardens.secure(robot, Safety.Warden.moment()) == :ok
       assert Safety.state(robot) == :disarmed
       assert runs(robot) == {1, 1}
     end
@@ -91,7 +91,7 @@ defmodule BB.Safety.WardenTest do
       {robot, _root} = start()
       ended = Safety.Warden.moment()
       :ok = Safety.arm(robot)
-      assert Safety.Warden.secure(robot, ended) == :ok
+      assert Safety.Wardens.secure(robot, ended) == :ok
       assert Safety.armed?(robot)
       assert runs(robot) == {0, 0}
     end
@@ -165,7 +165,7 @@ defmodule BB.Safety.WardenTest do
 
   defp waits?(pid) do
     case Process.info(pid, :current_stacktrace) do
-      {:current_stacktrace, frames} -> Enum.any?(frames, &(elem(&1, 0) == BB.Safety.Warden))
+      {:current_stacktrace, frames} -> Enum.any?(frames, &(elem(&1, 0) == BB.Safety.Wardens))
       nil -> false
     end
   end

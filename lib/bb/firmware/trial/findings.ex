@@ -8,9 +8,9 @@ defmodule BB.Firmware.Trial.Findings do
   findings of each kind. A power failure does not damage them (`BB.Firmware.Kept`).
 
       iex> findings = %{outcome: :validated, at: ~U[2026-01-02 03:04:05Z], firmware: %{},
-      ...>   reasons: [], missing: [{{:sensor, :range}, "down"}]}
+      ...>   reasons: [], missing: []}
       iex> BB.Firmware.Trial.Findings.text(findings)
-      "ganglion guard report 1\\nvalidated at 2026-01-02T03:04:05Z\\noptional: sensor range: down\\n"
+      "ganglion guard report 1\\nvalidated at 2026-01-02T03:04:05Z\\n"
   """
 
   alias BB.Firmware.Guard.Validation

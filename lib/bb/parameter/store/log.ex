@@ -231,7 +231,7 @@ defmodule BB.Parameter.Store.Log do
 
   defp entries(rows), do: Map.new(rows, fn {path, value} -> Entry.encode(path, value) end)
 
-  # The file of an earlier start stays as it is until there is something to write.
+  # A whole file of an earlier start stays unchanged until the first write.
   defp replace_if_needed(%{present: :whole} = log) do
     if log.torn?, do: warn_torn(log)
     {:ok, log}
@@ -300,7 +300,7 @@ defmodule BB.Parameter.Store.Log do
     end
   end
 
-  # The file at `path` keeps a name of its own before a new file replaces it.
+  # Gives the file at `path` another name, before a new file replaces it.
   defp keep_present(%{present: :nothing}), do: {:ok, nil}
   defp keep_present(%{present: :whole, path: path}), do: Disk.keep_as(path, path <> @previous)
 
