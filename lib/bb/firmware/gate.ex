@@ -122,7 +122,7 @@ defmodule BB.Firmware.Gate do
     LockServer.written(settings)
     Robots.disarm(settings.robots)
     _ = Trial.written(settings.folder)
-    _ = Story.tell(settings.folder, "an update was written; the board restarts with it")
+    _ = Story.add(settings.folder, "an update was written; the board restarts with it")
     :ok
   rescue
     error -> Logger.error("could not prepare the restart: #{Exception.message(error)}")
@@ -167,7 +167,7 @@ defmodule BB.Firmware.Gate do
     |> valid_options()
     |> BB.Options.validate!(@own_schema)
     |> Map.new()
-    |> Map.merge(%{name: gate, gate: :gone})
+    |> Map.merge(%{name: gate, gate: :not_running})
     |> complete()
   end
 
@@ -183,7 +183,7 @@ defmodule BB.Firmware.Gate do
 
   defp complete(opts) do
     %{
-      gate: Map.get(opts, :gate, :there),
+      gate: Map.get(opts, :gate, :running),
       robots: List.wrap(opts[:robot]),
       board: opts[:board] || Board.configured(),
       folder: opts[:folder] || Guard.folder(),
@@ -225,9 +225,9 @@ defmodule BB.Firmware.Gate do
 
   defp record_trial(settings) do
     _ =
-      if settings.gate == :gone,
+      if settings.gate == :not_running,
         do:
-          Story.tell(
+          Story.add(
             settings.folder,
             "an update was accepted without the gate, which does not run"
           )

@@ -240,7 +240,7 @@ defmodule BB.Firmware.Guard do
           do: "required: " <> format_reason(reason)
 
     left_s = div(state.validation.deadline_ms - now_ms, 1_000)
-    _ = Trial.note(state.folder, ["the guard had #{left_s} s left" | waits])
+    _ = Trial.put_notes(state.folder, ["the guard had #{left_s} s left" | waits])
     %{state | noted_ms: now_ms}
   end
 
@@ -261,7 +261,7 @@ defmodule BB.Firmware.Guard do
   defp execute(:clear_heart, state) do
     log_error(Board.clear_heart(state.board, Heart.callback()), "clear the callback of the heart")
     write_findings(state, :validated)
-    _ = Story.tell(state.folder, "the firmware #{version(state)} works: it is validated")
+    _ = Story.add(state.folder, "the firmware #{version(state)} works: it is validated")
     state
   end
 
@@ -283,10 +283,10 @@ defmodule BB.Firmware.Guard do
     reasons =
       Enum.map_join(Validation.reasons(state.validation, now_ms()), "; ", &format_reason/1)
 
-    _ = Trial.verdict(state.folder, @by)
+    _ = Trial.put_verdict(state.folder, @by)
 
     _ =
-      Story.tell(state.folder, "the firmware #{version(state)} is reverted by #{@by}: #{reasons}")
+      Story.add(state.folder, "the firmware #{version(state)} is reverted by #{@by}: #{reasons}")
 
     board = state.board
     {:ok, _} = Task.start(fn -> log_error(Board.revert(board), "revert the firmware") end)

@@ -18,8 +18,8 @@ defmodule BB.Firmware.Story do
   @lines 100
 
   @doc "Logs a line and adds it to the story, with the time. Never raises."
-  @spec tell(Path.t(), String.t()) :: :ok | {:error, File.posix()}
-  def tell(folder, text) do
+  @spec add(Path.t(), String.t()) :: :ok | {:error, File.posix()}
+  def add(folder, text) do
     Logger.warning(text)
     # Several processes add lines, and each writes the whole file.
     :global.trans({{__MODULE__, folder}, self()}, fn -> append(folder, text) end, [node()])

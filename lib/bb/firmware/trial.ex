@@ -69,12 +69,15 @@ defmodule BB.Firmware.Trial do
   @spec status(Path.t(), Board.t()) :: Board.status() | {:error, term()}
   def status(folder, board) do
     status = Board.validation_status(board)
-    if status in [:validated, :unknown] and tried?(folder, board), do: :unvalidated, else: status
+
+    if status in [:validated, :unknown] and on_trial_by_marker?(folder, board),
+      do: :unvalidated,
+      else: status
   end
 
   @doc "Returns whether the running firmware is on trial by the marker alone."
-  @spec tried?(Path.t(), Board.t()) :: boolean()
-  def tried?(folder, board) do
+  @spec on_trial_by_marker?(Path.t(), Board.t()) :: boolean()
+  def on_trial_by_marker?(folder, board) do
     case read(folder) do
       %Marker{state: :started, by: :guard} = marker -> Marker.same?(marker.firmware, id(board))
       _other -> false
@@ -84,7 +87,7 @@ defmodule BB.Firmware.Trial do
   @doc "Validates the running firmware, and ends its trial."
   @spec validate(Path.t(), Board.t()) :: :ok | {:error, term()}
   def validate(folder, board) do
-    with :ok <- if(tried?(folder, board), do: :ok, else: Board.validate(board)),
+    with :ok <- if(on_trial_by_marker?(folder, board), do: :ok, else: Board.validate(board)),
          :ok <- Kept.remove(file(folder)) do
       allow(folder, id(board))
     end
@@ -94,13 +97,13 @@ defmodule BB.Firmware.Trial do
   Records facts about the trial in the marker, a line for each, in case the trial ends without a
   verdict.
   """
-  @spec note(Path.t(), [String.t()]) :: :ok | {:error, term()}
-  def note(folder, notes),
+  @spec put_notes(Path.t(), [String.t()]) :: :ok | {:error, term()}
+  def put_notes(folder, notes),
     do: update_marker(folder, &%{&1 | notes: Enum.map(notes, fn note -> Kept.line(note) end)})
 
   @doc "Records which part reverts the firmware. That part also writes the findings."
-  @spec verdict(Path.t(), by :: String.t()) :: :ok | {:error, term()}
-  def verdict(folder, by), do: update_marker(folder, &%{&1 | verdict: Kept.line(by)})
+  @spec put_verdict(Path.t(), by :: String.t()) :: :ok | {:error, term()}
+  def put_verdict(folder, by), do: update_marker(folder, &%{&1 | verdict: Kept.line(by)})
 
   @doc """
   Reverts the running firmware, after it has written the findings and the story. It may never
@@ -110,9 +113,9 @@ defmodule BB.Firmware.Trial do
   def revert(folder, board, by, notes) do
     firmware = Board.firmware(board)
     _ = write_findings(folder, firmware, by, notes)
-    _ = verdict(folder, by)
+    _ = put_verdict(folder, by)
     version = firmware["nerves_fw_version"] || "that runs"
-    _ = Story.tell(folder, "the firmware #{version} is reverted by #{by}")
+    _ = Story.add(folder, "the firmware #{version} is reverted by #{by}")
     Board.revert(board)
   end
 
@@ -146,7 +149,7 @@ defmodule BB.Firmware.Trial do
   end
 
   defp execute({:give_up, marker}, folder, _board, _running) do
-    Story.tell(folder, "#{describe(marker)} could not be reverted, and stays")
+    Story.add(folder, "#{describe(marker)} could not be reverted, and stays")
   end
 
   defp record_revert(folder, marker, by) do
@@ -163,7 +166,7 @@ defmodule BB.Firmware.Trial do
         "starts of it that were seen: #{marker.starts}" | marker.notes
       ])
 
-    Story.tell(folder, "#{describe(marker)} was reverted by #{by}")
+    Story.add(folder, "#{describe(marker)} was reverted by #{by}")
   end
 
   defp write_findings(folder, firmware, by, notes) do

@@ -37,7 +37,7 @@ defmodule BB.Parameter.Persistence do
     :session,
     :failure,
     :timer,
-    asked?: false,
+    damage_checked?: false,
     hung?: false,
     retry_ms: @retry_ms
   ]
@@ -156,10 +156,10 @@ defmodule BB.Parameter.Persistence do
   defp open(state), do: state
 
   # Once: a store whose process dies in damage/1 can still save values.
-  defp check_damage(%{asked?: true} = state), do: state
+  defp check_damage(%{damage_checked?: true} = state), do: state
 
   defp check_damage(state) do
-    state = %{state | asked?: true}
+    state = %{state | damage_checked?: true}
 
     case Session.damage(state.session) do
       {:ok, nil} -> state

@@ -152,8 +152,8 @@ defmodule BB.Safety.Warden do
 
   def handle_info({:DOWN, ref, :process, pid, _reason}, warden) do
     case Enum.find(warden.watched, &match?({_watched, ^ref}, &1)) do
-      {{role, ^pid} = gone, ^ref} ->
-        noreply(handle_end(%{warden | watched: Map.delete(warden.watched, gone)}, role, pid))
+      {{role, ^pid} = ended, ^ref} ->
+        noreply(handle_end(%{warden | watched: Map.delete(warden.watched, ended)}, role, pid))
 
       nil ->
         noreply(warden)

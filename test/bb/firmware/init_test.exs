@@ -77,7 +77,7 @@ defmodule BB.Firmware.InitTest do
     assert log =~ "could not mount /data; the start continues without it"
     assert File.exists?(file <> ".corrupt")
     assert File.exists?(Path.join(folder, "guard/trial.txt"))
-    refute Trial.tried?(Path.join(folder, "guard"), {Memory, memory})
+    refute Trial.on_trial_by_marker?(Path.join(folder, "guard"), {Memory, memory})
   end
 
   test "a mount that fails once is tried again", %{tmp_dir: folder} do

@@ -45,7 +45,7 @@ defmodule BB.Firmware.KeptTest do
     assert Kept.remove(file) == :ok
 
     log =
-      capture_log(fn -> assert {:error, _} = Story.tell(Path.join(folder, "file"), "it ended") end)
+      capture_log(fn -> assert {:error, _} = Story.add(Path.join(folder, "file"), "it ended") end)
 
     assert log =~ "it ended"
     assert Story.recent(Path.join(folder, "file")) == []
@@ -56,7 +56,7 @@ defmodule BB.Firmware.KeptTest do
   } do
     capture_log(fn ->
       1..8
-      |> Enum.map(fn n -> Task.async(fn -> Story.tell(folder, "event #{n}\nof many") end) end)
+      |> Enum.map(fn n -> Task.async(fn -> Story.add(folder, "event #{n}\nof many") end) end)
       |> Enum.each(&Task.await(&1, 60_000))
     end)
 
@@ -65,7 +65,7 @@ defmodule BB.Firmware.KeptTest do
     for n <- 1..8, do: assert(Enum.any?(lines, &(&1 =~ "event #{n} of many")))
     for line <- lines, do: assert(line =~ ~r/^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ event/)
 
-    capture_log(fn -> for n <- 1..120, do: Story.tell(folder, "later #{n}") end)
+    capture_log(fn -> for n <- 1..120, do: Story.add(folder, "later #{n}") end)
     assert length(Story.recent(folder)) == 100
     assert [last] = Story.recent(folder, 1)
     assert last =~ "later 120"

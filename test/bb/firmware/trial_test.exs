@@ -38,8 +38,8 @@ defmodule BB.Firmware.TrialTest do
 
     assert Trial.begin(folder, new, "boot 2") == :ok
     assert Trial.status(folder, new) == :unvalidated
-    refute Trial.tried?(folder, new)
-    assert Trial.note(folder, ["required: sensor imu: was never good"]) == :ok
+    refute Trial.on_trial_by_marker?(folder, new)
+    assert Trial.put_notes(folder, ["required: sensor imu: was never good"]) == :ok
 
     # The power fails, heart or the watchdog restarts the board: the old one runs again.
     assert Trial.begin(folder, old, "boot 3") == :ok
@@ -99,7 +99,7 @@ defmodule BB.Firmware.TrialTest do
 
       assert Trial.begin(folder, new, "boot 2") == :ok
       assert Trial.status(folder, new) == :unvalidated
-      assert Trial.tried?(folder, new)
+      assert Trial.on_trial_by_marker?(folder, new)
       assert Trial.validate(folder, new) == :ok
       refute_received {Memory, :validate}
       assert Trial.status(folder, new) == status

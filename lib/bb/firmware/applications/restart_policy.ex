@@ -17,8 +17,8 @@ defmodule BB.Firmware.Applications.RestartPolicy do
 
       iex> alias BB.Firmware.Applications.RestartPolicy
       iex> policy = RestartPolicy.new([])
-      iex> {policy, {:start, 1, 0}} = RestartPolicy.ended(policy, :ganglion, :killed, 0)
-      iex> {_policy, {:start, 2, 1_000}} = RestartPolicy.ended(policy, :ganglion, :killed, 400)
+      iex> {policy, {:start, 1, 0}} = RestartPolicy.handle_end(policy, :ganglion, :killed, 0)
+      iex> {_policy, {:start, 2, 1_000}} = RestartPolicy.handle_end(policy, :ganglion, :killed, 400)
 
   An application that a person has stopped (reason `:stopped`) stays stopped.
   """
@@ -79,11 +79,11 @@ defmodule BB.Firmware.Applications.RestartPolicy do
   def starts(policy), do: length(policy.opts.pauses_ms)
 
   @doc "Handles the end, or the failed start, of an application."
-  @spec ended(t(), atom(), reason :: term(), integer()) :: {t(), step()}
-  def ended(policy, app, :stopped, _now_ms),
+  @spec handle_end(t(), atom(), reason :: term(), integer()) :: {t(), step()}
+  def handle_end(policy, app, :stopped, _now_ms),
     do: {%{policy | ends: Map.delete(policy.ends, app)}, :nothing}
 
-  def ended(%{opts: opts} = policy, app, _reason, now_ms) do
+  def handle_end(%{opts: opts} = policy, app, _reason, now_ms) do
     recent = for at <- Map.get(policy.ends, app, []), now_ms - at < opts.window_ms, do: at
     step = step(Enum.at(opts.pauses_ms, length(recent)), length(recent) + 1)
     {%{policy | ends: Map.put(policy.ends, app, [now_ms | recent])}, step}

@@ -79,7 +79,7 @@ defmodule BB.Firmware.Applications.Restarter do
 
   @impl GenServer
   def handle_cast({:started, app}, state) do
-    _ = if app in state.ended, do: Story.tell(state.folder, "the application #{app} runs again")
+    _ = if app in state.ended, do: Story.add(state.folder, "the application #{app} runs again")
 
     {:noreply,
      %{
@@ -94,7 +94,7 @@ defmodule BB.Firmware.Applications.Restarter do
   def handle_cast({:ended, _app, _reason}, %{leaving?: true} = state), do: {:noreply, state}
 
   def handle_cast({:ended, app, reason}, state) do
-    {policy, step} = RestartPolicy.ended(state.policy, app, reason, now_ms())
+    {policy, step} = RestartPolicy.handle_end(state.policy, app, reason, now_ms())
     # It was started again after it was stopped.
     stopped = MapSet.delete(state.stopped, app)
     state = restart_calm_timer(%{state | policy: policy, stopped: stopped})
@@ -112,7 +112,7 @@ defmodule BB.Firmware.Applications.Restarter do
     do: {:noreply, take_last_step(app, reason, until_ms, state)}
 
   # The board did not restart.
-  def handle_info(:still_here, state),
+  def handle_info(:not_restarted, state),
     do: {:noreply, start_in(%{state | leaving?: false}, RestartPolicy.stay_ms(state.policy))}
 
   def handle_info({:calm, calm}, %{calm: calm} = state) do
@@ -121,7 +121,7 @@ defmodule BB.Firmware.Applications.Restarter do
   end
 
   defp take_step(:nothing, app, _reason, state) do
-    _ = Story.tell(state.folder, "the application #{app} was stopped by a person")
+    _ = Story.add(state.folder, "the application #{app} was stopped by a person")
     %{state | stopped: MapSet.put(state.stopped, app), ended: MapSet.delete(state.ended, app)}
   end
 
@@ -189,7 +189,7 @@ defmodule BB.Firmware.Applications.Restarter do
         state,
         app,
         reason,
-        "no restart helps (#{restarts}); the board stays up for an update"
+        "restarts do not help (#{restarts}); the board stays up for an update"
       )
 
     # The watchdog restarts the board when the number of its restarts is unknown.
@@ -208,7 +208,7 @@ defmodule BB.Firmware.Applications.Restarter do
 
         with {:error, reason} <- fun.(board) do
           Logger.error("the board did not restart: #{inspect(reason)}")
-          send(restarter, :still_here)
+          send(restarter, :not_restarted)
         end
       end)
 
@@ -222,7 +222,7 @@ defmodule BB.Firmware.Applications.Restarter do
     _ =
       if state.stays_for == {app, reason},
         do: Logger.warning(text),
-        else: Story.tell(state.folder, text)
+        else: Story.add(state.folder, text)
 
     text
   end
@@ -238,7 +238,7 @@ defmodule BB.Firmware.Applications.Restarter do
       left_ms when is_integer(left_ms) and left_ms <= pause_ms ->
         state
 
-      _later_or_gone ->
+      _later_or_expired ->
         _ = Process.cancel_timer(timer)
         start_in(%{state | timer: nil}, pause_ms)
     end
@@ -252,7 +252,7 @@ defmodule BB.Firmware.Applications.Restarter do
   defp booted?(state) do
     case :init.get_status() do
       {:starting, :started} -> true
-      {:starting, _what} -> now_ms() - state.began_ms > @boot_limit_ms
+      {:starting, _step} -> now_ms() - state.began_ms > @boot_limit_ms
       _started -> true
     end
   end

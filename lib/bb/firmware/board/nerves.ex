@@ -81,13 +81,13 @@ defmodule BB.Firmware.Board.Nerves do
     case :heart.get_callback() do
       {:ok, ^heart} -> :ok
       {:ok, other} -> {:error, {:taken, other}}
-      :none -> done(:heart.set_callback(module, function))
+      :none -> wrap_error(:heart.set_callback(module, function))
     end
   end
 
   @impl BB.Firmware.Board
   def clear_heart(_handle, heart) do
-    if :heart.get_callback() == {:ok, heart}, do: done(:heart.clear_callback()), else: :ok
+    if :heart.get_callback() == {:ok, heart}, do: wrap_error(:heart.clear_callback()), else: :ok
   end
 
   @impl BB.Firmware.Board
@@ -149,6 +149,6 @@ defmodule BB.Firmware.Board.Nerves do
     end
   end
 
-  defp done(:ok), do: :ok
-  defp done(other), do: {:error, other}
+  defp wrap_error(:ok), do: :ok
+  defp wrap_error(other), do: {:error, other}
 end

@@ -33,14 +33,14 @@ defmodule BB.Firmware.Gate.Lock do
   def enter(_lock, _holder, _now_ms), do: {:error, :updating}
 
   @doc "Handles the end of a process, which closes the lock if the process is its holder."
-  @spec left(t(), pid(), integer(), settle_ms :: non_neg_integer()) :: t()
-  def left({:held, holder}, holder, now_ms, settle_ms), do: {:closing, now_ms + settle_ms}
-  def left(lock, _other, _now_ms, _settle_ms), do: lock
+  @spec handle_down(t(), pid(), integer(), settle_ms :: non_neg_integer()) :: t()
+  def handle_down({:held, holder}, holder, now_ms, settle_ms), do: {:closing, now_ms + settle_ms}
+  def handle_down(lock, _other, _now_ms, _settle_ms), do: lock
 
   @doc "Frees a lock whose settling time is over."
-  @spec passed(t(), integer()) :: t()
-  def passed({:closing, until_ms}, now_ms) when now_ms >= until_ms, do: :free
-  def passed(lock, _now_ms), do: lock
+  @spec handle_timeout(t(), integer()) :: t()
+  def handle_timeout({:closing, until_ms}, now_ms) when now_ms >= until_ms, do: :free
+  def handle_timeout(lock, _now_ms), do: lock
 
   @doc "Closes the lock for good, because the firmware was written and the board restarts."
   @spec written(t()) :: t()

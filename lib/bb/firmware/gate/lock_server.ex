@@ -59,7 +59,7 @@ defmodule BB.Firmware.Gate.LockServer do
 
     case answer do
       :ok -> name(uploader, name)
-      :gone -> enter(settings, uploader, attempts - 1)
+      :not_running -> enter(settings, uploader, attempts - 1)
       refused -> refused
     end
   end
@@ -75,7 +75,7 @@ defmodule BB.Firmware.Gate.LockServer do
   @doc "Closes the lock for good, because a firmware was written."
   @spec written(settings()) :: :ok
   def written(%{names: {lock, _name}} = settings) do
-    with :gone <- call(lock, :written) do
+    with :not_running <- call(lock, :written) do
       _ = start(:nobody, settings)
       _ = call(lock, :written)
       :ok
@@ -86,8 +86,8 @@ defmodule BB.Firmware.Gate.LockServer do
   @spec lock(names()) :: Lock.t()
   def lock({lock, name}) do
     case {call(lock, :lock), Process.whereis(name)} do
-      {:gone, nil} -> :free
-      {:gone, uploader} -> {:held, uploader}
+      {:not_running, nil} -> :free
+      {:not_running, uploader} -> {:held, uploader}
       {state, _uploader} -> state
     end
   end
@@ -135,7 +135,7 @@ defmodule BB.Firmware.Gate.LockServer do
   defp call(lock, request) do
     GenServer.call(lock, request, @call_timeout_ms)
   catch
-    :exit, _reason -> :gone
+    :exit, _reason -> :not_running
   end
 
   defp name(pid, name) do
@@ -188,13 +188,13 @@ defmodule BB.Firmware.Gate.LockServer do
   @impl GenServer
   def handle_info({:DOWN, _ref, :process, pid, _reason}, state) do
     settle_ms = state.settings.settle_ms
-    lock = Lock.left(state.lock, pid, now_ms(), settle_ms)
-    _ = if lock != state.lock, do: Process.send_after(self(), :passed, settle_ms)
+    lock = Lock.handle_down(state.lock, pid, now_ms(), settle_ms)
+    _ = if lock != state.lock, do: Process.send_after(self(), :settled, settle_ms)
     {:noreply, %{state | lock: lock}}
   end
 
-  def handle_info(:passed, state) do
-    case Lock.passed(state.lock, now_ms()) do
+  def handle_info(:settled, state) do
+    case Lock.handle_timeout(state.lock, now_ms()) do
       :free -> give_to_next(%{state | lock: :free})
       lock -> {:noreply, %{state | lock: lock}}
     end

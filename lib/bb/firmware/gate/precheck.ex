@@ -20,7 +20,7 @@ defmodule BB.Firmware.Gate.Precheck do
               required(:safety) => BB.Safety.state(),
               required(:validation) => Board.status() | {:error, term()},
               required(:key) => {:ok, Path.t()} | {:error, term()},
-              optional(:gate) => :there | :gone
+              optional(:gate) => :running | :not_running
             }
 
   @doc """
@@ -38,7 +38,7 @@ defmodule BB.Firmware.Gate.Precheck do
   def decide(facts) do
     with :ok <- lock(facts.lock),
          :ok <- key(facts.key),
-         :ok <- validation(facts.validation, Map.get(facts, :gate, :there)),
+         :ok <- validation(facts.validation, Map.get(facts, :gate, :running)),
          do: safety(facts.safety)
   end
 
@@ -58,12 +58,12 @@ defmodule BB.Firmware.Gate.Precheck do
 
   defp validation(status, _gate) when status in [:validated, :unknown], do: :ok
 
-  defp validation(:unvalidated, :there),
+  defp validation(:unvalidated, :running),
     do: {:error, "the running firmware is not validated yet; wait for its guard"}
 
   # The update would overwrite the only firmware that works. The board reverts to it soon, and
   # accepts updates then.
-  defp validation(:unvalidated, :gone) do
+  defp validation(:unvalidated, :not_running) do
     {:error,
      "the running firmware is on trial, and its application does not run: " <>
        "the board reverts to the previous firmware"}
@@ -71,9 +71,9 @@ defmodule BB.Firmware.Gate.Precheck do
 
   # The update repairs a board that does not answer. fwup checks the state itself, if the board
   # has one.
-  defp validation({:error, _reason}, :gone), do: :ok
+  defp validation({:error, _reason}, :not_running), do: :ok
 
-  defp validation({:error, reason}, :there),
+  defp validation({:error, reason}, :running),
     do: {:error, "the validation of the running firmware is unknown: #{inspect(reason)}"}
 
   # In :error software cannot make the robot safer, and an update may be the remedy.

@@ -22,19 +22,19 @@ defmodule BB.Parameter.Store.Session do
   def open(robot, module, opts) do
     worker = Worker.start_link()
 
-    case run(worker, &value/1, fn -> module.init(robot, opts) end) do
+    case run(worker, &check_state/1, fn -> module.init(robot, opts) end) do
       {:ok, state} -> load(%__MODULE__{module: module, worker: worker, state: state})
       {kind, reason} -> stop_with(worker, kind, "open", reason)
     end
   end
 
   defp load(%{module: module, state: state} = session) do
-    case run(session.worker, &values/1, fn -> module.load(state) end) do
+    case run(session.worker, &check_values/1, fn -> module.load(state) end) do
       {:ok, values} ->
         {:ok, session, values}
 
       {kind, reason} ->
-        if kind == :error, do: run(session.worker, &done/1, fn -> module.close(state) end)
+        if kind == :error, do: run(session.worker, &check_ok/1, fn -> module.close(state) end)
         stop_with(session.worker, kind, "load", reason)
     end
   end
@@ -52,25 +52,25 @@ defmodule BB.Parameter.Store.Session do
   @spec save_many(t(), [{BB.Parameter.path(), term()}]) ::
           {:ok, :ok} | {:error | :gone, reason :: term()}
   def save_many(%{module: module, state: state} = session, values),
-    do: run(session.worker, &done/1, fn -> module.save_many(state, values) end)
+    do: run(session.worker, &check_ok/1, fn -> module.save_many(state, values) end)
 
   @doc "Saves a value."
   @spec save(t(), BB.Parameter.path(), term()) :: {:ok, :ok} | {:error | :gone, reason :: term()}
   def save(%{module: module, state: state} = session, path, value),
-    do: run(session.worker, &done/1, fn -> module.save(state, path, value) end)
+    do: run(session.worker, &check_ok/1, fn -> module.save(state, path, value) end)
 
   @doc "Returns the damage that the store found when it was opened, or `nil`."
   @spec damage(t()) :: {:ok, Store.damage() | nil} | {:error | :gone, reason :: term()}
   def damage(%{module: module, state: state} = session) do
     if function_exported?(module, :damage, 1),
-      do: run(session.worker, &damage_of/1, fn -> module.damage(state) end),
+      do: run(session.worker, &check_damage/1, fn -> module.damage(state) end),
       else: {:ok, nil}
   end
 
   @doc "Closes the store and stops its worker."
   @spec close(t()) :: {:ok, :ok} | {:error | :gone, reason :: term()}
   def close(%{module: module, state: state} = session) do
-    closed = run(session.worker, &done/1, fn -> module.close(state) end)
+    closed = run(session.worker, &check_ok/1, fn -> module.close(state) end)
     Worker.stop(session.worker)
     closed
   end
@@ -80,24 +80,24 @@ defmodule BB.Parameter.Store.Session do
     with {:ok, result} <- Worker.call(worker, fn -> check.(fun.()) end, @timeout_ms), do: result
   end
 
-  defp value({:ok, state}), do: {:ok, state}
-  defp value(other), do: failed(other)
+  defp check_state({:ok, state}), do: {:ok, state}
+  defp check_state(other), do: failure(other)
 
-  defp values({:ok, pairs} = loaded) do
+  defp check_values({:ok, pairs} = loaded) do
     if is_list(pairs) and Enum.all?(pairs, &match?({_path, _value}, &1)),
       do: {:ok, Map.new(pairs)},
-      else: failed(loaded)
+      else: failure(loaded)
   end
 
-  defp values(other), do: failed(other)
+  defp check_values(other), do: failure(other)
 
-  defp done(:ok), do: {:ok, :ok}
-  defp done(other), do: failed(other)
+  defp check_ok(:ok), do: {:ok, :ok}
+  defp check_ok(other), do: failure(other)
 
-  defp damage_of(nil), do: {:ok, nil}
-  defp damage_of(%{file: _, kept_as: _, lost: _} = damage), do: {:ok, damage}
-  defp damage_of(other), do: failed(other)
+  defp check_damage(nil), do: {:ok, nil}
+  defp check_damage(%{file: _, kept_as: _, lost: _} = damage), do: {:ok, damage}
+  defp check_damage(other), do: failure(other)
 
-  defp failed({:error, reason}), do: {:error, reason}
-  defp failed(other), do: {:error, {:bad_return_value, other}}
+  defp failure({:error, reason}), do: {:error, reason}
+  defp failure(other), do: {:error, {:bad_return_value, other}}
 end

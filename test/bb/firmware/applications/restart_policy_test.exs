@@ -9,7 +9,7 @@ defmodule BB.Firmware.Applications.RestartPolicyTest do
   defp steps(policy, ends) do
     {_decision, steps} =
       Enum.reduce(ends, {policy, []}, fn {app, reason, at}, {policy, steps} ->
-        {policy, step} = RestartPolicy.ended(policy, app, reason, at)
+        {policy, step} = RestartPolicy.handle_end(policy, app, reason, at)
         {policy, steps ++ [step]}
       end)
 

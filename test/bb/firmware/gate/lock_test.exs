@@ -34,14 +34,14 @@ defmodule BB.Firmware.Gate.LockTest do
         end
 
       {:left, n} ->
-        lock = Lock.left(lock, pid(n), now, @settle_ms)
+        lock = Lock.handle_down(lock, pid(n), now, @settle_ms)
 
         if n == inside,
           do: {now, lock, nil, now, written?},
           else: {now, lock, inside, left_at, written?}
 
       :passed ->
-        {now, Lock.passed(lock, now), inside, left_at, written?}
+        {now, Lock.handle_timeout(lock, now), inside, left_at, written?}
 
       :written ->
         {now, Lock.written(lock), inside, left_at, true}

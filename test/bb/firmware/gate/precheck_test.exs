@@ -11,14 +11,14 @@ defmodule BB.Firmware.Gate.PrecheckTest do
     validation: [:validated, :unknown],
     lock: [:ok],
     key: [{:ok, "/key"}],
-    gate: [:there, :gone]
+    gate: [:running, :not_running]
   }
   @bad %{
     safety: [:armed, :disarming],
     validation: [:unvalidated, {:error, :timeout}],
     lock: [{:error, :updating}, {:error, :written}, {:error, :unknown}],
     key: [{:error, {"/key", "is missing"}}],
-    gate: [:there]
+    gate: [:running]
   }
 
   property "an update is let in only when nothing at all speaks against it", numtests: 1_000 do
@@ -28,7 +28,7 @@ defmodule BB.Firmware.Gate.PrecheckTest do
 
     forall facts <- facts do
       facts = Map.new(facts)
-      gone? = facts.gate == :gone and match?({:error, _}, facts.validation)
+      gone? = facts.gate == :not_running and match?({:error, _}, facts.validation)
 
       good? =
         Enum.all?(facts, fn {name, fact} ->
