@@ -201,10 +201,10 @@ defmodule BB.Dsl.Grammar do
 
   @doc false
   def check_unit(%BB.Unit{} = value, unit, expected) do
-    if BB.Unit.compatible?(value, unit), do: {:ok, value}, else: refuse(value, expected)
+    if BB.Unit.compatible?(value, unit), do: {:ok, value}, else: unit_error(value, expected)
   end
 
-  def check_unit(value, _unit, expected), do: refuse(value, expected)
+  def check_unit(value, _unit, expected), do: unit_error(value, expected)
 
   @doc false
   def check_reduction(value) when is_number(value) and value > 0, do: {:ok, value}
@@ -220,14 +220,14 @@ defmodule BB.Dsl.Grammar do
     expected = "a time above zero such as ~u(100 millisecond)"
 
     with {:ok, duration} <- check_unit(value, :second, expected) do
-      if duration.value > 0, do: {:ok, duration}, else: refuse(value, expected)
+      if duration.value > 0, do: {:ok, duration}, else: unit_error(value, expected)
     end
   end
 
-  defp refuse(%BB.Unit{} = value, expected),
+  defp unit_error(%BB.Unit{} = value, expected),
     do: {:error, "expected #{expected}, got: #{BB.Unit.to_string!(value)}"}
 
-  defp refuse(value, expected), do: {:error, "expected #{expected}, got: #{inspect(value)}"}
+  defp unit_error(value, expected), do: {:error, "expected #{expected}, got: #{inspect(value)}"}
 
   defp unit(unit, expected), do: {:custom, __MODULE__, :check_unit, [unit, expected]}
   defp a_length, do: unit(:meter, "a length such as ~u(0.1 meter)")

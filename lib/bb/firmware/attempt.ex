@@ -28,7 +28,7 @@ defmodule BB.Firmware.Attempt do
   end
 
   defp run(step, fun, attempts, opts) do
-    with {:error, reason} <- once(fun, opts[:limit_ms]) do
+    with {:error, reason} <- run_once(fun, opts[:limit_ms]) do
       Logger.error("could not #{step}: #{inspect(reason, limit: 20)}")
 
       if attempts > 1 do
@@ -43,9 +43,9 @@ defmodule BB.Firmware.Attempt do
 
   # The exit signal of the process carries the result, so that no late message stays in the
   # mailbox.
-  defp once(fun, limit_ms) do
+  defp run_once(fun, limit_ms) do
     tag = make_ref()
-    {pid, ref} = spawn_monitor(fn -> exit({tag, result(fun)}) end)
+    {pid, ref} = spawn_monitor(fn -> exit({tag, call(fun)}) end)
 
     receive do
       {:DOWN, ^ref, :process, ^pid, {^tag, result}} -> result
@@ -58,7 +58,7 @@ defmodule BB.Firmware.Attempt do
     end
   end
 
-  defp result(fun) do
+  defp call(fun) do
     {:ok, fun.()}
   rescue
     error -> {:error, Exception.message(error)}

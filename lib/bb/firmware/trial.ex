@@ -89,7 +89,7 @@ defmodule BB.Firmware.Trial do
   def validate(folder, board) do
     with :ok <- if(on_trial_by_marker?(folder, board), do: :ok, else: Board.validate(board)),
          :ok <- Kept.remove(file(folder)) do
-      allow(folder, id(board))
+      remove_refused(folder, id(board))
     end
   end
 
@@ -184,12 +184,13 @@ defmodule BB.Firmware.Trial do
   # Closes the other slot only when the running firmware stays, because it is the only one then.
   defp close_slot(folder, board, %{status: status}, marker)
        when status in [:validated, :unknown] do
-    _ = refuse(folder, uuid(marker.firmware))
+    _ = add_refused(folder, uuid(marker.firmware))
     _ = spawn(fn -> Board.prevent_revert(board) end)
     :ok
   end
 
-  defp close_slot(folder, _board, _running, marker), do: refuse(folder, uuid(marker.firmware))
+  defp close_slot(folder, _board, _running, marker),
+    do: add_refused(folder, uuid(marker.firmware))
 
   defp describe(marker), do: "the firmware #{marker.version || uuid(marker.firmware)} on trial"
 
@@ -232,18 +233,18 @@ defmodule BB.Firmware.Trial do
   defp put_marker(folder, nil), do: Kept.remove(file(folder))
   defp put_marker(folder, marker), do: Kept.write(file(folder), @first <> Marker.encode(marker))
 
-  defp refuse(_folder, nil), do: :ok
+  defp add_refused(_folder, nil), do: :ok
 
-  defp refuse(folder, uuid),
+  defp add_refused(folder, uuid),
     do: put_refused(folder, Enum.take([uuid | refused(folder) -- [uuid]], @refused_count))
 
   # A firmware that was refused before works now.
-  defp allow(folder, {uuid, _slot}) do
+  defp remove_refused(folder, {uuid, _slot}) do
     refused = refused(folder)
     if uuid in refused, do: put_refused(folder, refused -- [uuid]), else: :ok
   end
 
-  defp allow(_folder, nil), do: :ok
+  defp remove_refused(_folder, nil), do: :ok
 
   defp refused(folder) do
     case Kept.read(refused_file(folder), @refused) do

@@ -19,7 +19,7 @@ defmodule BB.Parameter.Startup do
   def given(definitions, params) do
     definitions = Map.new(definitions, &{&1.path, &1})
 
-    with {:error, error} <- level(params, [], definitions, %{}),
+    with {:error, error} <- cast_group(params, [], definitions, %{}),
          do: {:error, %{error | keys_path: [:params | error.keys_path]}}
   end
 
@@ -53,33 +53,33 @@ defmodule BB.Parameter.Startup do
     error -> {:error, error}
   end
 
-  defp level([], _path, _definitions, values), do: {:ok, values}
+  defp cast_group([], _path, _definitions, values), do: {:ok, values}
 
-  defp level([{key, value} | rest], above, definitions, values) do
-    with {:ok, values} <- one(value, above ++ [key], definitions, values),
-         do: level(rest, above, definitions, values)
+  defp cast_group([{key, value} | rest], above, definitions, values) do
+    with {:ok, values} <- cast_entry(value, above ++ [key], definitions, values),
+         do: cast_group(rest, above, definitions, values)
   end
 
-  defp one(value, path, definitions, values) do
+  defp cast_entry(value, path, definitions, values) do
     case definitions do
       %{^path => definition} ->
         with {:ok, value} <- Definition.cast(definition, value),
              do: {:ok, Map.put(values, path, value)}
 
       _ ->
-        group(value, path, definitions, values)
+        cast_nested(value, path, definitions, values)
     end
   end
 
-  defp group(value, path, definitions, values) do
+  defp cast_nested(value, path, definitions, values) do
     cond do
-      below(path, definitions) == [] -> {:error, unknown(path, definitions)}
-      Keyword.keyword?(value) -> level(value, path, definitions, values)
+      names_below(path, definitions) == [] -> {:error, unknown(path, definitions)}
+      Keyword.keyword?(value) -> cast_group(value, path, definitions, values)
       true -> {:error, no_group(path, value)}
     end
   end
 
-  defp below(path, definitions) do
+  defp names_below(path, definitions) do
     for {other, _definition} <- definitions,
         List.starts_with?(other, path),
         name = Enum.at(other, length(path)),
@@ -95,7 +95,7 @@ defmodule BB.Parameter.Startup do
       keys_path: above,
       message:
         "unknown options #{inspect([key])}, " <>
-          "valid options are: #{inspect(Enum.sort(below(above, definitions)))}"
+          "valid options are: #{inspect(Enum.sort(names_below(above, definitions)))}"
     }
   end
 

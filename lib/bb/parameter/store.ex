@@ -87,13 +87,16 @@ defmodule BB.Parameter.Store do
       "cannot be read as a whole; 2 values are lost; the file keeps its name"
   """
   @spec format_damage(damage()) :: String.t()
-  def format_damage(damage), do: "cannot be read as a whole; #{lost(damage)}; #{kept(damage)}"
+  def format_damage(damage),
+    do: "cannot be read as a whole; #{format_lost(damage)}; #{format_kept_as(damage)}"
 
-  defp lost(%{lost: :unknown}), do: "the number of lost values is unknown"
-  defp lost(%{lost: 0}), do: "no value is lost"
-  defp lost(%{lost: 1}), do: "1 value is lost"
-  defp lost(%{lost: count}), do: "#{count} values are lost"
+  defp format_lost(%{lost: :unknown}), do: "the number of lost values is unknown"
+  defp format_lost(%{lost: 0}), do: "no value is lost"
+  defp format_lost(%{lost: 1}), do: "1 value is lost"
+  defp format_lost(%{lost: count}), do: "#{count} values are lost"
 
-  defp kept(%{kept_as: nil}), do: "the file keeps its name"
-  defp kept(%{kept_as: kept_as}), do: "the file is renamed to #{kept_as}, and a new one begins"
+  defp format_kept_as(%{kept_as: nil}), do: "the file keeps its name"
+
+  defp format_kept_as(%{kept_as: kept_as}),
+    do: "the file is renamed to #{kept_as}, and a new one begins"
 end

@@ -153,13 +153,18 @@ defmodule BB.Parameter.Type do
 
   defp check_within(_type, min, max, value) do
     cond do
-      min && compare(value, min) == :lt -> {:error, "expected at least #{got(min, value)}"}
-      max && compare(value, max) == :gt -> {:error, "expected at most #{got(max, value)}"}
-      true -> :ok
+      min && compare(value, min) == :lt ->
+        {:error, "expected at least #{format_bound(min, value)}"}
+
+      max && compare(value, max) == :gt ->
+        {:error, "expected at most #{format_bound(max, value)}"}
+
+      true ->
+        :ok
     end
   end
 
-  defp got(bound, value), do: "#{inspect(bound)}, got: #{inspect(value)}"
+  defp format_bound(bound, value), do: "#{inspect(bound)}, got: #{inspect(value)}"
 
   defp compare(%Unit{} = a, %Unit{} = b), do: Unit.compare(a, b)
   defp compare(a, b) when a < b, do: :lt

@@ -208,14 +208,14 @@ defmodule BB.Safety.Records do
   @spec inhibitions(module()) :: [{[atom()], term()}]
   def inhibitions(robot) do
     for {{_, _, path}, inhibition, voucher} <- inhibition_rows(robot),
-        {:because, reason} <- [because(inhibition, voucher)],
+        {:because, reason} <- [effective_inhibition(inhibition, voucher)],
         do: {path, reason}
   end
 
-  defp because(:none, voucher) when is_pid(voucher),
+  defp effective_inhibition(:none, voucher) when is_pid(voucher),
     do: if(Process.alive?(voucher), do: :none, else: {:because, :unattended})
 
-  defp because(inhibition, _voucher), do: inhibition
+  defp effective_inhibition(inhibition, _voucher), do: inhibition
 
   defp inhibition_rows(robot),
     do: :ets.match_object(@entries, {{:inhibition, robot, :_}, :_, :_})

@@ -151,12 +151,12 @@ defmodule BB.Firmware.Gate.LockServer do
     # The end of an application kills all processes with its group leader.
     Process.group_leader(self(), Process.whereis(:init))
     inhibit(settings.robots)
-    {:ok, hold(%{lock: :free, waiting: [], settings: settings}, uploader)}
+    {:ok, put_holder(%{lock: :free, waiting: [], settings: settings}, uploader)}
   end
 
-  defp hold(state, :nobody), do: state
+  defp put_holder(state, :nobody), do: state
 
-  defp hold(state, uploader) do
+  defp put_holder(state, uploader) do
     _ = Process.monitor(uploader)
     {:ok, lock} = Lock.enter(:free, uploader, now_ms())
     %{state | lock: lock}
@@ -165,7 +165,7 @@ defmodule BB.Firmware.Gate.LockServer do
   @impl GenServer
   def handle_call({:enter, uploader}, from, state) do
     case Lock.enter(state.lock, uploader, now_ms()) do
-      {:ok, _lock} -> {:reply, :ok, hold(state, uploader)}
+      {:ok, _lock} -> {:reply, :ok, put_holder(state, uploader)}
       {:error, :closing} -> {:noreply, %{state | waiting: state.waiting ++ [{from, uploader}]}}
       {:error, refusal} -> {:reply, {:error, refusal}, state}
     end
@@ -209,7 +209,7 @@ defmodule BB.Firmware.Gate.LockServer do
   defp give_to_next(%{waiting: [{from, uploader} | rest]} = state) do
     GenServer.reply(from, :ok)
     for {from, _uploader} <- rest, do: GenServer.reply(from, {:error, :updating})
-    {:noreply, hold(%{state | waiting: []}, uploader)}
+    {:noreply, put_holder(%{state | waiting: []}, uploader)}
   end
 
   defp now_ms, do: System.monotonic_time(:millisecond)

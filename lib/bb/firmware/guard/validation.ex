@@ -96,10 +96,10 @@ defmodule BB.Firmware.Guard.Validation do
   # Checks
 
   defp put_event(validation, {:good, check}, now_ms),
-    do: update(validation, check, &good(&1, now_ms, validation.fresh_ms))
+    do: update(validation, check, &put_good(&1, now_ms, validation.fresh_ms))
 
   defp put_event(validation, {:bad, check, reason}, _now_ms),
-    do: update(validation, check, &bad(&1, reason))
+    do: update(validation, check, &put_bad(&1, reason))
 
   defp put_event(validation, _event, _now_ms), do: validation
 
@@ -111,20 +111,20 @@ defmodule BB.Firmware.Guard.Validation do
       | checks: Map.put(validation.checks, check, fun.(validation.checks[check] || @unseen))
     }
 
-  defp good(%{since_ms: nil} = seen, now_ms, _fresh_ms),
+  defp put_good(%{since_ms: nil} = seen, now_ms, _fresh_ms),
     do: %{seen | since_ms: now_ms, last_ms: now_ms}
 
-  defp good(%{last_ms: last_ms} = seen, now_ms, fresh_ms) when now_ms - last_ms <= fresh_ms,
+  defp put_good(%{last_ms: last_ms} = seen, now_ms, fresh_ms) when now_ms - last_ms <= fresh_ms,
     do: %{seen | last_ms: now_ms}
 
-  defp good(seen, now_ms, _fresh_ms) do
+  defp put_good(seen, now_ms, _fresh_ms) do
     silent = {:silent, now_ms - seen.last_ms}
     %{seen | since_ms: now_ms, last_ms: now_ms, breaks: seen.breaks + 1, reason: silent}
   end
 
-  defp bad(%{since_ms: nil} = seen, reason), do: %{seen | reason: {:bad, reason}}
+  defp put_bad(%{since_ms: nil} = seen, reason), do: %{seen | reason: {:bad, reason}}
 
-  defp bad(seen, reason),
+  defp put_bad(seen, reason),
     do: %{seen | since_ms: nil, breaks: seen.breaks + 1, reason: {:bad, reason}}
 
   # Phases

@@ -70,7 +70,7 @@ defmodule BB.Parameter.Store.Dets do
       {:error, reason} ->
         # After a file error, DETS refuses all writes until the table is opened again.
         _ = :dets.close(table)
-        {:error, plain(reason)}
+        {:error, unwrap_reason(reason)}
     end
   end
 
@@ -110,9 +110,9 @@ defmodule BB.Parameter.Store.Dets do
     with {:ok, _bytes} <- File.copy(path, copy),
          {:ok, table, rows} <- open_table(copy, copy) do
       _ = :dets.close(table)
-      {:ok, pairs(rows), missing(counted(path), rows)}
+      {:ok, pairs(rows), missing(read_row_count(path), rows)}
     else
-      {:error, reason} -> {:error, plain(reason)}
+      {:error, reason} -> {:error, unwrap_reason(reason)}
     end
   catch
     # OTP's code may fail on arbitrary bytes.
@@ -133,14 +133,14 @@ defmodule BB.Parameter.Store.Dets do
   end
 
   defp open(robot, file, copy) do
-    counted = counted(file)
+    counted = read_row_count(file)
 
     case open_table({__MODULE__, robot}, file) do
       {:ok, table, rows} ->
         {:ok, %{table: table, file: file, damage: check(robot, file, copy, counted, rows)}}
 
       {:error, reason} ->
-        replace_damaged(robot, file, copy, plain(reason))
+        replace_damaged(robot, file, copy, unwrap_reason(reason))
     end
   end
 
@@ -166,7 +166,7 @@ defmodule BB.Parameter.Store.Dets do
          {:ok, table, _rows} <- open_table({__MODULE__, robot}, file) do
       {:ok, %{table: table, file: file, damage: damage}}
     else
-      {:error, reason} -> {:error, plain(reason)}
+      {:error, reason} -> {:error, unwrap_reason(reason)}
     end
   end
 
@@ -201,11 +201,11 @@ defmodule BB.Parameter.Store.Dets do
     Map.to_list(Map.new(theirs ++ ours ++ latest))
   end
 
-  defp plain({:file_error, _file, {_writes, posix}}), do: posix
-  defp plain({:file_error, _file, posix}), do: posix
-  defp plain(reason), do: reason
+  defp unwrap_reason({:file_error, _file, {_writes, posix}}), do: posix
+  defp unwrap_reason({:file_error, _file, posix}), do: posix
+  defp unwrap_reason(reason), do: reason
 
-  defp counted(file) do
+  defp read_row_count(file) do
     with {:ok, <<_::32, @cookie::32, _::binary-24, rows::32, _::binary>>} <- File.read(file),
          do: rows,
          else: (_ -> 0)

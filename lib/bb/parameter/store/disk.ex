@@ -17,13 +17,13 @@ defmodule BB.Parameter.Store.Disk do
 
   @doc "Resolves a path: makes it absolute and follows symbolic links."
   @spec resolve(Path.t()) :: Path.t()
-  def resolve(path), do: path |> Path.expand() |> follow(@links)
+  def resolve(path), do: path |> Path.expand() |> follow_links(@links)
 
-  defp follow(path, 0), do: path
+  defp follow_links(path, 0), do: path
 
-  defp follow(path, links) do
+  defp follow_links(path, links) do
     case File.read_link(path) do
-      {:ok, to} -> to |> Path.expand(Path.dirname(path)) |> follow(links - 1)
+      {:ok, to} -> to |> Path.expand(Path.dirname(path)) |> follow_links(links - 1)
       {:error, _not_a_link} -> path
     end
   end

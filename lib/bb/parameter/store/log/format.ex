@@ -187,7 +187,7 @@ defmodule BB.Parameter.Store.Log.Format do
   defp part_at(bytes, at) when at > byte_size(bytes), do: :nothing
 
   defp part_at(bytes, at) do
-    case from(bytes, at) do
+    case bytes_from(bytes, at) do
       <<@frame_magic, length::32, before::32, crc::32, rest::binary>> ->
         head = <<@frame_magic, length::32, before::32>>
         if crc(at, head) == crc, do: frame_at(rest, at, length, before), else: :nothing
@@ -227,7 +227,7 @@ defmodule BB.Parameter.Store.Log.Format do
     end
   end
 
-  defp from(bytes, at), do: binary_part(bytes, at, byte_size(bytes) - at)
+  defp bytes_from(bytes, at), do: binary_part(bytes, at, byte_size(bytes) - at)
 
   # The next frame or end from `at` on.
   defp next_part(bytes, at) when at >= byte_size(bytes), do: nil
@@ -245,7 +245,7 @@ defmodule BB.Parameter.Store.Log.Format do
   defp torn?(_bytes, _at, %{damaged?: true}, _size), do: false
 
   defp torn?(bytes, at, contents, size) do
-    tail = from(bytes, at)
+    tail = bytes_from(bytes, at)
     ending = ending(at, contents.values)
     torn_frame?(tail, size, ending) or torn_end?(tail, ending)
   end
