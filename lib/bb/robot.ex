@@ -23,8 +23,8 @@ defmodule BB.Robot do
       `BB.Bus.Sim.Lines` take them:
       `%{i2c: [{"i2c-1", clock_hz: 400_000, devices: [{0x68, device}]}], gpio: […]}`
     * `:param_subscriptions` - the fields that follow each parameter, by the path of the
-      parameter: `[:sensors, :imu, :rate]` for an option, `[:sensors, :encoder, :transmission,
-      :offset]`, `[:joints, :shoulder, :limit, :upper]`
+      parameter: `[:sensors, :imu, :rate]` for an option,
+      `[:sensors, :encoder, :transmission, :offset]`, `[:joints, :shoulder, :limit, :upper]`
 
   A field that follows a parameter is a `BB.Parameter.Reference`; `BB.Parameter.resolve/2`
   replaces references by the current values.

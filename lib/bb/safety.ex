@@ -21,8 +21,8 @@ defmodule BB.Safety do
   An actuator calls `armed?/1` at each command and does nothing unless it returns `true`. The call
   is an ETS look-up; it takes a fraction of a microsecond and waits for no process. Each
   transition is published as `BB.StateMachine.Transition` on `[:state_machine]` and emitted as
-  the telemetry event `[:bb, :safety, :transition]`. Each disarming is a telemetry span `[:bb,
-  :safety, :disarm]`.
+  the telemetry event `[:bb, :safety, :transition]`. Each disarming is a telemetry span
+  `[:bb, :safety, :disarm]`.
 
   ## Handlers
 

@@ -17,8 +17,8 @@ defmodule BB.Firmware.Applications.RestartPolicy do
 
       iex> alias BB.Firmware.Applications.RestartPolicy
       iex> policy = RestartPolicy.new([])
-      iex> {policy, {:start, 1, 0}} = RestartPolicy.handle_end(policy, :ganglion, :killed, 0)
-      iex> {_policy, {:start, 2, 1_000}} = RestartPolicy.handle_end(policy, :ganglion, :killed, 400)
+      iex> {policy, {:start, 1, 0}} = RestartPolicy.handle_end(policy, :robot, :killed, 0)
+      iex> {_policy, {:start, 2, 1_000}} = RestartPolicy.handle_end(policy, :robot, :killed, 400)
 
   An application that a person has stopped (reason `:stopped`) stays stopped.
   """

@@ -50,9 +50,9 @@ defmodule BB.Firmware.Guard.Validation do
           | :tick
 
   @typedoc """
-  The reason for which a check does not hold: it was `:never` good; it was good last `{:silent,
-  ms}` ago; it is `{:bad, reason}`; or it is `{:good_for, ms, breaks, last_reason}`, which is
-  too short.
+  The reason for which a check does not hold: it was `:never` good; it was good last
+  `{:silent, ms}` ago; it is `{:bad, reason}`; or it is
+  `{:good_for, ms, breaks, last_reason}`, which is too short.
   """
   @type reason ::
           :never

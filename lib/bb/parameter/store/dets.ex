@@ -11,9 +11,9 @@ defmodule BB.Parameter.Store.Dets do
   Values are on the disk when `BB.Parameter.set/3` or `set_many/2` returns, after two syncs. A
   file that was not closed, because the power failed, is repaired when it is opened. A file that
   cannot be repaired, or that lacks values after the repair, is kept as `path.corrupt`
-  (`path.corrupt.2` to `.9` beside earlier ones), with a warning and the alarm `{BB.Parameter,
-  robot, :damaged}`. It never prevents the start of the robot. Missing folders above `path` are
-  made.
+  (`path.corrupt.2` to `.9` beside earlier ones), with a warning and the alarm
+  `{BB.Parameter, robot, :damaged}`. It never prevents the start of the robot. Missing folders
+  above `path` are made.
 
   DETS has no checksums, which limits its reliability:
 
