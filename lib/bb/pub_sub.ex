@@ -1,110 +1,123 @@
 defmodule BB.PubSub do
   @moduledoc """
-  The bus inside a robot: whoever has something to tell publishes it at a path, and whoever
-  subscribed at that path or above receives it.
+  The bus of a robot: processes publish messages at paths, and receive the messages published at
+  the paths that they subscribe to and below.
 
-      BB.PubSub.subscribe(MyRobot, [:sensor, :base_link], message_types: [BB.Message.Sensor.Imu])
-      BB.PubSub.publish(MyRobot, [:sensor, :base_link, :imu], message)
+  Use it to receive what sensors measure, to publish from a driver or a controller, and to connect
+  parts of a robot that should not name each other:
 
-      receive do
-        {:bb, [:sensor, :base_link, :imu], %BB.Message{payload: imu}} -> imu
-      end
+      iex> {:ok, _bus} = BB.PubSub.start_link(DocRobot)
+      iex> {:ok, _bus} = BB.PubSub.subscribe(DocRobot, [:sensor, :base_link])
+      iex> fields = [voltage: 11.8, current: -0.4]
+      iex> message = BB.Message.new!(BB.Message.Sensor.PowerState, :battery, fields)
+      iex> BB.PubSub.publish(DocRobot, [:sensor, :base_link, :battery], message)
+      :ok
+      iex> receive do
+      ...>   {:bb, path, %BB.Message{robot: DocRobot, payload: payload}} -> {path, payload.voltage}
+      ...> end
+      {[:sensor, :base_link, :battery], 11.8}
 
-  What a subscriber receives is `{:bb, source_path, message}`, with the path at which it was
-  published, in full, and the robot in the message. The usual paths:
+  A subscriber receives `{:bb, path, message}`: the full path at which the message was published,
+  and the message with the robot in it. The usual paths are:
 
-    * `[:sensor | path]` - what sensors measure
-    * `[:sensor_status | path]` - how sensors fare
+    * `[:sensor | path]` - the readings of sensors
+    * `[:sensor_status | path]` - the status of sensors
     * `[:actuator | path]`, `[:param | path]`, `[:state_machine]`, `[:safety, :error]`
 
-  ## What it promises
+  ## Guarantees
 
-    * There is no process in the middle. Publishing runs in the publisher, which sends to each
-      subscriber itself, so a slow subscriber holds up nobody, and a busy path no other.
+    * No process stands between publishers and subscribers. Publishing runs in the publisher, which
+      sends to each subscriber itself. A slow subscriber delays no one, and a busy path delays no
+      other path.
     * Messages of one publisher reach a subscriber in the order in which they were published, at
-      whatever paths: each `publish/4` has sent everything when it returns, and the VM keeps the
-      order of signals from one process to another. Between several publishers there is no order.
-    * Within one publication the path itself comes first, then its ancestors, nearest first. A
-      process that subscribed twice, or at two levels, receives twice.
-    * A subscriber that dies is forgotten; `subscribers/2` does not list it from then on.
-      Subscribers are not linked to the bus: nobody's end is another's.
-    * A publisher waits for nobody, with one exception: a subscriber whose thread the operating
-      system takes away in the very moment of its replay costs a publisher a millisecond at most,
-      once.
-    * Subscriptions last as long as the robot. They survive the death of every process of the bus;
-      somebody who subscribes in that moment waits until it is over.
+      whatever paths: `publish/4` has sent everything when it returns, and the VM keeps the order
+      of signals between two processes. Messages of several publishers have no order.
+    * Of one message, the subscribers at the path itself get their copies first, then those at its
+      ancestors, nearest first. A process that subscribed twice, or at two levels, receives twice.
+    * A subscriber that dies is removed, and `subscribers/2` no longer lists it. Subscribers are not
+      linked to the bus: the end of one ends no other.
+    * A publisher waits for no subscriber, with one exception: if the operating system suspends a
+      subscriber's thread at the very moment of its replay, a publisher waits once, for at most a
+      millisecond.
+    * Subscriptions last as long as the robot. They survive the death of every process of the bus.
+      A process that subscribes at that moment waits until the bus has restarted.
 
-  It does not promise that a message arrives where nobody listens, except on retained paths. A
-  subscriber that never reads its mailbox fills it, unless it asked for `max_queue`.
+  A message at a path without subscribers is lost, except on retained paths. A subscriber that never
+  reads its mailbox fills it, unless it subscribed with `max_queue`.
 
-  The bus of a robot lives as long as the robot: functions raise `ArgumentError` when it is not
-  started.
+  The bus of a robot runs as long as the robot. Functions raise `ArgumentError` when the robot is
+  not started.
 
-  ## What a subscriber may ask for
+  ## Options of a subscription
 
-      # A display wants ten a second, of what is going on now, however slow it is.
+      # A display shows ten messages a second, and only recent ones, however slow it is.
       BB.PubSub.subscribe(MyRobot, [:sensor], max_rate: 10, max_queue: 100)
 
-      # Somebody who comes late wants to know the parameters as they are.
+      # A late subscriber gets the present parameters at once.
       BB.PubSub.subscribe(MyRobot, [:param], replay: true)
 
-  The options of `subscribe/3` combine freely, and cost those alone who ask for them:
+  The options of `subscribe/3` can be combined. They cost nothing for subscribers without them.
 
-    * A subscriber with `max_queue` that was skipped gets `{:bb_missed, path, count}` before the
-      next message that it is sent: since the last one, `count` messages for its subscription at
-      `path` went by. `missed/1` tells the sum at any time. A GenServer with this option has a
-      clause for that in `handle_info/2`. The limit is approximate: a publisher that found room
-      sends up to an eighth of it without looking again.
-    * `unique` is about the process: it gets one copy of a message that reaches its unique
-      subscription, by the first of its subscriptions, from the path upwards, that takes it.
-    * `replay` sends the last message of each retained path at once, in the mailbox when
-      `subscribe/3` returns, then everything newer once and in order. The other options hold for
-      what is replayed too: type, rate, mailbox.
+    * A subscriber with `max_queue` that was skipped gets `{:bb_missed, path, count}` before its next
+      message: `count` messages for its subscription at `path` were dropped since the last one.
+      `missed/1` returns the sum at any time. A GenServer with this option needs a clause for that
+      message in `handle_info/2`. The limit is approximate: a publisher that finds room sends up to
+      an eighth of the limit before it looks again.
+    * `unique` concerns the process: it gets one copy of a message that reaches its unique
+      subscription, by the first of its subscriptions, from the path upwards, that takes the
+      message.
+    * `replay` sends the last message of each retained path, which is in the mailbox when
+      `subscribe/3` returns, then everything newer once and in order. The other options (type, rate,
+      mailbox) apply to replayed messages too.
 
   ## Retained paths
 
-  The last message of each path at and below `[:param]`, `[:state_machine]` and `[:sensor_status]`
-  is kept, as it is of sensors declared with `retain: true` and of what is given to `retain/2`.
-  `last/2` reads it. One message is kept for each path, whatever its type. A robot has at most
-  1000 prefixes below which messages are kept, apart from prefixes below those.
+  The bus keeps the last message of each path at and below `[:param]`, `[:state_machine]` and
+  `[:sensor_status]`, of sensors declared with `retain: true`, and of prefixes given to `retain/2`.
+  `last/2` returns it. One message is kept for each path, whatever its type. A robot has at most
+  1000 retained prefixes; prefixes below another one do not count.
 
-  ## What it costs
+  ## Cost
 
-  Publishing to nobody takes about as long as three or four function calls; otherwise it is little
-  more than a `send/2` for each subscriber, and subscribers elsewhere or for other types cost
-  nothing (docs/performance.md). For some milliseconds after somebody has come or gone, on the
-  first messages of a path, on passing paths (below), for more than 500 subscribers and with an
-  option, a publisher looks the subscribers up, which takes some microseconds more.
+  Publishing to no subscriber takes about as long as three or four function calls. Otherwise it
+  takes little more than a `send/2` for each subscriber. Subscribers at other paths or for other
+  types cost nothing (docs/performance.md). In these cases a publisher looks up the subscribers,
+  which takes some microseconds more: for some milliseconds after a subscription or its end, on the
+  first messages of a path, on transient paths (below), with more than 500 subscribers, and with an
+  option of `publish/4`.
 
-  Subscribing takes some ten microseconds, the same for the ten-thousandth subscriber of a path as
-  for the first: memory and time are linear in the number of subscribers.
+  Subscribing takes about ten microseconds, for the ten-thousandth subscriber of a path as for the
+  first: memory and time are linear in the number of subscribers.
 
-  ## What it remembers
+  ## Limits
 
-  All of it is bounded, whatever is published:
+  What the bus remembers is bounded, whatever is published:
 
-    * A path has at most 64 segments (`BB.Path`); a longer one raises `ArgumentError`.
-    * The first 4000 sources, a path of atoms with a payload type each, are remembered as long as
-      the robot. A path with a reference, or of later sources, is a *passing* one: the newest 1000
-      are remembered, and beside those the newest 1000 retained ones. A path that was forgotten
-      has no last message, its count begins at 0, and a subscriber with `max_rate` gets its next
-      message. That a last message was forgotten is logged, once.
+    * A path has at most 64 segments (`BB.Path`). A longer one raises `ArgumentError`.
+    * A *stream* is a path with one payload type. The first 4000 streams at paths of atoms are
+      remembered as long as the robot runs. Any other path is *transient*: it contains a reference,
+      or came later. The newest 1000 transient paths are remembered, and beside them the newest
+      1000 that are retained. When a path is forgotten, its last message is deleted, its count
+      restarts at 0, and a subscriber with `max_rate` gets its next message at once. The bus logs
+      once that it has begun to forget last messages.
   """
 
-  require BB.PubSub.Traffic
+  require BB.PubSub.Meter
 
   alias BB.{Message, Options, Path}
 
   alias BB.PubSub.{
     Bus,
     Delivery,
-    Gate,
-    Pages,
+    Meter,
+    QueueLimit,
     Registrar,
     Retention,
     Routes,
+    Statistics,
+    Streams,
     Subscription,
-    Traffic
+    Subscriptions
   }
 
   @type message_types :: [module()]
@@ -120,7 +133,7 @@ defmodule BB.PubSub do
   @publish_schema Options.new!(except: [type: {:list, :pid}, default: []])
 
   @doc """
-  The name of a robot's bus.
+  Returns the name of a robot's bus.
 
       iex> BB.PubSub.registry_name(MyRobot)
       MyRobot.PubSub
@@ -128,7 +141,7 @@ defmodule BB.PubSub do
   @spec registry_name(module()) :: module()
   def registry_name(robot), do: Module.concat(robot, PubSub)
 
-  @doc "A child specification: `{BB.PubSub, MyRobot}` among a supervisor's children."
+  @doc "Returns the child specification for `{BB.PubSub, MyRobot}` in a supervisor's children."
   @spec child_spec(module()) :: Supervisor.child_spec()
   def child_spec(robot),
     do: %{id: {__MODULE__, robot}, start: {__MODULE__, :start_link, [robot]}}
@@ -136,21 +149,22 @@ defmodule BB.PubSub do
   @doc """
   Starts a robot's bus.
 
-  What it knows belongs to the calling process, a supervisor: when the bus is killed and that
-  supervisor starts it again, all subscriptions are there.
+  Its tables belong to the calling process, a supervisor. When the bus is killed and the supervisor
+  restarts it, all subscriptions are kept.
   """
   @spec start_link(module()) :: {:ok, pid()} | {:error, term()}
   def start_link(robot) when is_atom(robot),
     do: Registrar.start_link(robot, registry_name(robot))
 
   @doc """
-  Subscribes the calling process to a path and everything below it.
+  Subscribes the calling process to a path and all paths below it.
 
-  Options:
+  Each call adds a subscription. Returns `{:ok, pid}` with the pid of the bus. Every message
+  published from then on arrives.
+
+  ## Options
 
   #{Options.docs(Subscription.schema())}
-  Each call makes one subscription more. Returns `{:ok, pid}`, the pid of the bus: what is
-  published from now on arrives.
   """
   @spec subscribe(module(), Path.t(), [subscribe_option()]) :: {:ok, pid()} | {:error, term()}
   def subscribe(robot, path, opts \\ []) do
@@ -161,7 +175,11 @@ defmodule BB.PubSub do
     result
   end
 
-  @doc "Removes all subscriptions that the calling process has at exactly this path; `:ok` also when there are none."
+  @doc """
+  Removes all subscriptions of the calling process at exactly this path.
+
+  Returns `:ok` also when there are none.
+  """
   @spec unsubscribe(module(), Path.t()) :: :ok
   def unsubscribe(robot, path) do
     case {Path.validate!(path), Bus.fetch(robot)} do
@@ -171,11 +189,11 @@ defmodule BB.PubSub do
   end
 
   @doc """
-  Delivers a message to the subscribers at the path and at each of its ancestors. Always `:ok`.
+  Publishes a message to the subscribers at the path and at each of its ancestors.
 
-  Options:
+  ## Options
 
-    * `:except` - pids that do not receive it, for example the publisher itself
+    * `:except` - the pids that do not receive the message, such as the publisher's own
   """
   @spec publish(module(), Path.t(), Message.t(), [publish_option()]) :: :ok
   def publish(robot, path, message, opts \\ [])
@@ -187,25 +205,28 @@ defmodule BB.PubSub do
         []
       )
       when is_integer(time) do
-    with {__MODULE__, routes, _bus} <- :persistent_term.get(robot, nil),
+    with {Bus, routes, _bus} <- :persistent_term.get(robot, nil),
          {_, _, meter, targets, version, nil} <- Routes.find(routes, path, type) do
-      if meter |> Traffic.tick(time) |> Traffic.current?(version),
+      if meter |> Meter.tick(time) |> Meter.current?(version),
         do: send_all(targets, path, message, robot),
         else: publish_outdated(robot, path, type, message)
     else
-      _ -> publish_otherwise(robot, path, type, message, [])
+      _ -> publish_general(robot, path, type, message, [])
     end
   end
 
   def publish(robot, path, %Message{payload: %{__struct__: type}} = message, opts),
-    do: publish_otherwise(robot, path, type, message, except!(opts))
+    do: publish_general(robot, path, type, message, except!(opts))
 
   def publish(_robot, _path, %Message{payload: payload}, _opts) do
-    raise ArgumentError, "the payload of what is published is a struct, got: #{inspect(payload)}"
+    raise ArgumentError,
+          "expected a %BB.Message{} with a struct as its payload, got the payload: " <>
+            "#{inspect(payload)}; create messages with BB.Message.new!/3"
   end
 
   def publish(_robot, _path, message, _opts) do
-    raise ArgumentError, "what is published is a %BB.Message{}, got: #{inspect(message)}"
+    raise ArgumentError,
+          "expected a %BB.Message{}, got: #{inspect(message)}; create one with BB.Message.new!/3"
   end
 
   defp send_all([], _path, _message, _robot), do: :ok
@@ -213,13 +234,13 @@ defmodule BB.PubSub do
   defp send_all(targets, path, message, robot),
     do: Delivery.deliver(targets, {:bb, path, %{message | robot: robot}}, nil)
 
-  # Somebody has come or gone, or messages are kept from now on, and there is no new route yet.
+  # Subscriptions or retained prefixes have changed, and there is no new route yet.
   defp publish_outdated(robot, path, type, message) do
-    deliver_unrouted(Bus.fetch!(robot), {path, type, :lasting}, %{message | robot: robot}, [])
+    deliver_unrouted(Bus.fetch!(robot), {path, type, :permanent}, %{message | robot: robot}, [])
   end
 
-  # With an option, on a retained path, or where there is no route.
-  defp publish_otherwise(robot, path, type, message, except) do
+  # With an option, on a retained path, or without a route.
+  defp publish_general(robot, path, type, message, except) do
     bus = Bus.fetch!(robot)
     message = %{message | robot: robot}
 
@@ -234,32 +255,32 @@ defmodule BB.PubSub do
 
   defp route(robot, path, type) do
     case :persistent_term.get(robot, nil) do
-      {__MODULE__, routes, _bus} -> Routes.find(routes, path, type)
+      {Bus, routes, _bus} -> Routes.find(routes, path, type)
       _ -> nil
     end
   end
 
-  # The message is kept, and only then it is seen whether the route is that of all who are
-  # subscribed: so whoever comes too late for the message gets it by a replay.
+  # The message is kept before the route's version is checked. So a subscriber that comes too late
+  # for the route gets the message by its replay.
   defp publish_retained(bus, {path, type, meter, targets, version, sequence}, message) do
-    number = Retention.keep(bus, path, message, sequence)
+    stamp = Retention.keep(bus, path, message, sequence)
     delivery = {:bb, path, message}
 
-    if meter |> Traffic.count(message.monotonic_time) |> Traffic.current?(version),
-      do: Delivery.deliver(targets, delivery, number),
-      else: Delivery.unrouted(bus, {path, type, :lasting}, [], delivery, number)
+    if meter |> Meter.count(message.monotonic_time) |> Meter.current?(version),
+      do: Delivery.deliver(targets, delivery, stamp),
+      else: Delivery.unrouted(bus, {path, type, :permanent}, [], delivery, stamp)
   end
 
-  # The registrar hears of a source that lasts, and soon there is a route.
+  # The registrar makes a route for a new permanent stream.
   defp publish_unrouted(bus, path, type, message, except) do
-    {class, meter} = Traffic.source(bus, path, type)
-    _word = Traffic.count(meter, message.monotonic_time)
+    {class, meter} = Streams.fetch(bus, path, type)
+    _word = Meter.count(meter, message.monotonic_time)
     deliver_unrouted(bus, {path, type, class}, message, except)
   end
 
-  defp deliver_unrouted(bus, {path, _type, _class} = source, message, except) do
-    number = if Bus.retained?(bus, path), do: Retention.keep(bus, path, message)
-    Delivery.unrouted(bus, source, except, {:bb, path, message}, number)
+  defp deliver_unrouted(bus, {path, _type, _class} = stream, message, except) do
+    stamp = if Bus.retained?(bus, path), do: Retention.keep(bus, path, message)
+    Delivery.unrouted(bus, stream, except, {:bb, path, message}, stamp)
   end
 
   defp except!(except: []), do: []
@@ -271,73 +292,78 @@ defmodule BB.PubSub do
     end
   end
 
-  @doc "The subscriptions at exactly this path, `{pid, message_types}` each."
+  @doc "Returns the subscriptions at exactly this path as `{pid, message_types}`."
   @spec subscribers(module(), Path.t()) :: [{pid(), message_types()}]
   def subscribers(robot, path) do
-    for %{pid: pid} = subscription <- Pages.at(Bus.fetch!(robot), Path.validate!(path)),
+    for %{pid: pid} = subscription <- Subscriptions.at(Bus.fetch!(robot), Path.validate!(path)),
         Process.alive?(pid),
         do: {pid, subscription.message_types}
   end
 
   @doc """
-  Keeps the last message of each source at and below `prefix` from now on, for `last/2` and
+  Keeps the last message of each path at and below `prefix` from now on, for `last/2` and
   `replay: true`.
 
-  `[:param]`, `[:state_machine]` and `[:sensor_status]` are always kept, and so are the messages
-  of sensors that are declared with `retain: true`. A robot can have 1000 prefixes; one more
-  raises `ArgumentError`.
+  Messages at `[:param]`, `[:state_machine]` and `[:sensor_status]`, and those of sensors declared
+  with `retain: true`, are always kept. A robot can have 1000 prefixes; one more raises
+  `ArgumentError`.
   """
   @spec retain(module(), Path.t()) :: :ok
   def retain(robot, prefix) do
     with {:error, most} <- Registrar.retain(Bus.fetch!(robot), Path.validate!(prefix)) do
       raise ArgumentError,
-            "a robot has at most #{most} retained prefixes, got one more: #{inspect(prefix)}; " <>
+            "expected at most #{most} retained prefixes, got one more: #{inspect(prefix)}; " <>
               "retain a prefix of several paths instead"
     end
   end
 
-  @doc "The last message that was published at exactly this path, if it is a retained one; otherwise `nil`."
+  @doc "Returns the last message published at exactly this path if it is retained, otherwise `nil`."
   @spec last(module(), Path.t()) :: Message.t() | nil
   def last(robot, path), do: Retention.last(Bus.fetch!(robot), Path.validate!(path))
 
   @doc """
-  How many messages the calling process did not get because of `max_queue`, since it subscribed.
+  Returns how many messages the calling process missed because of `max_queue` since it subscribed.
   """
   @spec missed(module()) :: non_neg_integer()
   def missed(robot) do
-    subscriptions = Pages.of(Bus.fetch!(robot), self())
-    Enum.sum(for %{counters: counters} <- subscriptions, do: Gate.missed(counters))
+    subscriptions = Subscriptions.of(Bus.fetch!(robot), self())
+    Enum.sum(for %{counters: counters} <- subscriptions, do: QueueLimit.missed(counters))
   end
 
   @doc """
-  Every source seen: each path with each payload type that was published there, sorted by path.
+  Returns the streams that the bus remembers, sorted by path.
 
-    * `path`, `type`
-    * `count` - how many messages
-    * `rate_hz` - messages a second, over the last sixteen; it falls when the next one is overdue
-    * `age_ns` - how old the last message is
+  A stream is a path with one payload type that was published there. Each is a map:
 
-  Rate and age go by the messages' own `monotonic_time`, when they were measured. At most 6000 are
-  remembered, see "What it remembers".
+    * `path`, `type` - the path and the payload's module
+    * `count` - the number of messages
+    * `rate_hz` - the messages per second, over the last sixteen; it falls when the next one is
+      overdue
+    * `age_ns` - the age of the last message
+
+  Rate and age are calculated from the messages' `monotonic_time`, the time of measurement. At most
+  6000 streams are remembered, see "Limits".
   """
-  @spec topics(module()) :: [Traffic.topic()]
+  @spec topics(module()) :: [Streams.topic()]
   def topics(robot),
-    do: Traffic.topics(Bus.fetch!(robot), :erlang.monotonic_time(:nanosecond))
+    do: Streams.topics(Bus.fetch!(robot), :erlang.monotonic_time(:nanosecond))
 
   @doc """
-  Every subscription, and what became of the messages that its path heard of since:
+  Returns every subscription with the number of messages that have reached it, by what was done
+  with them:
 
-    * `pid`, `path`, `message_types`
-    * `delivered`
-    * `dropped` - by `max_rate` or `max_queue`
-    * `filtered` - of another type, replayed before, or the further copies that `unique` spares
+    * `pid`, `path`, `message_types` - the subscription
+    * `delivered` - sent to the subscriber
+    * `dropped` - dropped by `max_rate` or `max_queue`
+    * `filtered` - of another type, replayed before, or left out by `unique`
 
-  What the publisher's `except` withheld is none of these. Nobody counts deliveries while messages
-  are published on paths that last: the figures are worked out here, from the sources' counts. One
-  that is published in the very moment of subscribing may be counted on the wrong side.
+  Messages withheld by the publisher's `except` count as none of these. On permanent paths,
+  deliveries are not counted while messages are published: this function calculates the numbers
+  from the counts of the streams. A message published at the very moment of subscribing may count
+  as before or after it.
   """
-  @spec stats(module()) :: [Traffic.row()]
-  def stats(robot), do: Traffic.stats(Bus.fetch!(robot))
+  @spec stats(module()) :: [Statistics.row()]
+  def stats(robot), do: Statistics.rows(Bus.fetch!(robot))
 
   @doc false
   def ancestor_paths(path), do: [path | Path.ancestors(path)]

@@ -138,7 +138,7 @@ defmodule BB.PubSubTest do
       assert PubSub.publish(robot, [:a, :b], status()) == :ok
     end
 
-    test "delivers {:bb, source_path, message} with the robot in the message", %{robot: robot} do
+    test "delivers {:bb, path, message} with the robot in the message", %{robot: robot} do
       PubSub.subscribe(robot, [:sensor])
       message = status()
       assert PubSub.publish(robot, [:sensor, :link, :imu], message) == :ok
@@ -199,9 +199,11 @@ defmodule BB.PubSubTest do
     end
 
     test "what is no message raises", %{robot: robot} do
-      assert_raise ArgumentError, "what is published is a %BB.Message{}, got: :hello", fn ->
-        PubSub.publish(robot, [:a], :hello)
-      end
+      assert_raise ArgumentError,
+                   ~r/^expected a %BB.Message{}, got: :hello; create one with/,
+                   fn ->
+                     PubSub.publish(robot, [:a], :hello)
+                   end
     end
   end
 
@@ -215,19 +217,19 @@ defmodule BB.PubSubTest do
 
     test "anything else raises", %{robot: robot} do
       for path <- [["sensor"], :sensor, [:a | :b]] do
-        assert_raise ArgumentError, ~r/a path is a list of atoms/, fn ->
+        assert_raise ArgumentError, ~r/expected a path, a list of atoms/, fn ->
           PubSub.publish(robot, path, status())
         end
 
-        assert_raise ArgumentError, ~r/a path is a list of atoms/, fn ->
+        assert_raise ArgumentError, ~r/expected a path, a list of atoms/, fn ->
           PubSub.subscribe(robot, path)
         end
 
-        assert_raise ArgumentError, ~r/a path is a list of atoms/, fn ->
+        assert_raise ArgumentError, ~r/expected a path, a list of atoms/, fn ->
           PubSub.unsubscribe(robot, path)
         end
 
-        assert_raise ArgumentError, ~r/a path is a list of atoms/, fn ->
+        assert_raise ArgumentError, ~r/expected a path, a list of atoms/, fn ->
           PubSub.subscribers(robot, path)
         end
       end
@@ -286,7 +288,7 @@ defmodule BB.PubSubTest do
             fn -> PubSub.subscribers(NotStarted, [:a]) end
           ] do
         assert_raise ArgumentError,
-                     ~r/the robot NotStarted is not started: start it .* NotStarted.start_link\(\) first/,
+                     ~r/^robot NotStarted is not started; start it .* NotStarted.start_link\(\)$/,
                      call
       end
     end

@@ -3,11 +3,11 @@ defmodule BB.Component.Hearing do
   When a component was last heard of: by a message on its path, or by its own pulse.
 
   The keeper reads this when a silence would be too long, from what publishers count anyway
-  (`BB.PubSub.Traffic`). No message comes to the keeper, and none costs more for being watched.
+  (`BB.PubSub.Meter`). No message comes to the keeper, and none costs more for being watched.
   """
 
   alias BB.Component.Pulse
-  alias BB.PubSub.{Bus, Traffic}
+  alias BB.PubSub.{Bus, Meter, Streams}
 
   @enforce_keys [:robot, :path, :pulse, :looked_ns, :heard_ns]
   defstruct [:robot, :path, :pulse, :looked_ns, :heard_ns, meters: [], count: 0]
@@ -18,7 +18,7 @@ defmodule BB.Component.Hearing do
           pulse: Pulse.t(),
           looked_ns: integer(),
           heard_ns: integer(),
-          meters: [Traffic.meter()],
+          meters: [Meter.t()],
           count: non_neg_integer()
         }
 
@@ -56,7 +56,7 @@ defmodule BB.Component.Hearing do
         hearing
 
       count ->
-        stamp_ns = hearing.meters |> Enum.map(&Traffic.newest/1) |> Enum.max(fn -> now_ns end)
+        stamp_ns = hearing.meters |> Enum.map(&Meter.newest/1) |> Enum.max(fn -> now_ns end)
         heard(%{hearing | count: count}, published_ns(hearing, stamp_ns, now_ns))
     end
   end
@@ -69,11 +69,11 @@ defmodule BB.Component.Hearing do
 
   defp heard(hearing, time_ns), do: %{hearing | heard_ns: max(hearing.heard_ns, time_ns)}
 
-  defp count(meters), do: meters |> Enum.map(&Traffic.counted/1) |> Enum.sum()
+  defp count(meters), do: meters |> Enum.map(&Meter.counted/1) |> Enum.sum()
 
   defp find_meters(robot, path) do
     case Bus.fetch(robot) do
-      {:ok, bus} -> Traffic.meters(bus, path)
+      {:ok, bus} -> Streams.meters(bus, path)
       :error -> []
     end
   rescue

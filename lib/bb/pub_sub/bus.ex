@@ -1,22 +1,24 @@
 defmodule BB.PubSub.Bus do
   @moduledoc """
-  What a robot's bus consists of, and where to find it.
+  The parts of a robot's bus, and where to find them.
 
-  In `:persistent_term` under the robot's own module, `{BB.PubSub, routes, bus}`: the routes are
-  what publishers read, and reading them takes neither a lock nor a copy. The bus holds the
-  tables:
+  Every function of `BB.PubSub` begins with it:
 
-    * `subscriptions` and `places` - see `BB.PubSub.Pages`
-    * `traffic` - `{{path, type}, meter}`, one row for each source that lasts
-    * `passing` - what is remembered of all others, see `BB.PubSub.Passing`
+      bus = Bus.fetch!(MyRobot)
+
+  The term `{BB.PubSub.Bus, routes, bus}` is in `:persistent_term` under the robot's module:
+  publishers read the routes there without a lock or a copy. The bus holds the tables:
+
+    * `subscriptions` and `places` - see `BB.PubSub.Subscriptions`
+    * `streams` - `{{path, type}, meter}`, one row for each permanent stream
+    * `transient` - see `BB.PubSub.TransientPaths`
     * `last` - `{path, sequence, number, message}`, the last messages of retained paths
-    * `cells` - `{{subscription_id, path}, cell}`, see `BB.PubSub.Gate`
+    * `cells` - `{{subscription_id, path}, cell}`, see `BB.PubSub.Cells`
 
-  and `retained`, the prefixes whose messages are kept.
+  and `retained`, the prefixes below which messages are kept.
 
-  The tables belong to the process that starts the bus, which is the robot's root supervisor: they
-  live as long as the robot, whatever becomes of the process that writes them
-  (`BB.PubSub.Registrar`).
+  The tables belong to the process that starts the bus, the robot's root supervisor. So they live
+  as long as the robot, even if the process that writes them (`BB.PubSub.Registrar`) dies.
   """
 
   alias BB.Path
@@ -24,7 +26,7 @@ defmodule BB.PubSub.Bus do
 
   @always_retained [[:param], [:state_machine], [:sensor_status]]
   @most_retained 1_000
-  @tables [:subscriptions, :places, :traffic, :passing, :last, :cells]
+  @tables [:subscriptions, :places, :streams, :transient, :last, :cells]
 
   @enforce_keys [:robot, :registrar, :retained | @tables]
   defstruct [:robot, :registrar, :retained | @tables]
@@ -35,17 +37,21 @@ defmodule BB.PubSub.Bus do
           retained: %{Path.t() => true},
           subscriptions: :ets.tid(),
           places: :ets.tid(),
-          traffic: :ets.tid(),
-          passing: :ets.tid(),
+          streams: :ets.tid(),
+          transient: :ets.tid(),
           last: :ets.tid(),
           cells: :ets.tid()
         }
 
-  @doc "The bus whose tables belong to the calling process, new ones if there are none. To be called when it has no registrar."
+  @doc """
+  Returns the bus whose tables belong to the calling process, a new one if there is none.
+
+  The bus must have no registrar at the time.
+  """
   @spec open(module(), module()) :: t()
   def open(robot, registrar) do
     case :persistent_term.get(robot, nil) do
-      {BB.PubSub, _routes, bus} ->
+      {__MODULE__, _routes, bus} ->
         if owner(bus) == self(), do: bus, else: create(robot, registrar)
 
       nil ->
@@ -53,7 +59,8 @@ defmodule BB.PubSub.Bus do
 
       other ->
         raise ArgumentError,
-              "the :persistent_term #{inspect(robot)} belongs to the bus of the robot #{inspect(robot)}, and holds: #{inspect(other)}"
+              "expected the :persistent_term key #{inspect(robot)} to be free for the bus of " <>
+                "that robot, got: #{inspect(other)}"
     end
   end
 
@@ -64,8 +71,8 @@ defmodule BB.PubSub.Bus do
       retained: Map.new(@always_retained, &{&1, true}),
       subscriptions: :ets.new(registrar, [:set, :public, read_concurrency: true]),
       places: :ets.new(registrar, [:ordered_set, :public, read_concurrency: true]),
-      traffic: :ets.new(registrar, [:ordered_set, :public, read_concurrency: true]),
-      passing: :ets.new(registrar, [:ordered_set, :public, write_concurrency: true]),
+      streams: :ets.new(registrar, [:ordered_set, :public, read_concurrency: true]),
+      transient: :ets.new(registrar, [:ordered_set, :public, write_concurrency: true]),
       last: :ets.new(registrar, [:set, :public, write_concurrency: true]),
       cells: :ets.new(registrar, [:ordered_set, :public, write_concurrency: true])
     }
@@ -74,22 +81,30 @@ defmodule BB.PubSub.Bus do
     bus
   end
 
-  @doc "Makes routes and bus known to publishers: whoever publishes when this has returned uses them."
+  @doc "Makes routes and bus known: every publication that begins after the return uses them."
   @spec publish(t(), Routes.t()) :: :ok
-  def publish(bus, routes), do: :persistent_term.put(bus.robot, {BB.PubSub, routes, bus})
+  def publish(bus, routes), do: :persistent_term.put(bus.robot, {__MODULE__, routes, bus})
 
-  @doc "The bus of a robot as publishers know it."
+  @doc "Returns the routes that publishers use now."
+  @spec routes(t()) :: Routes.t()
+  def routes(bus) do
+    {__MODULE__, routes, _bus} = :persistent_term.get(bus.robot)
+    routes
+  end
+
+  @doc "Returns a robot's bus as publishers know it, or `:error` if the robot is not started."
   @spec fetch(module()) :: {:ok, t()} | :error
   def fetch(robot) when is_atom(robot) do
     case :persistent_term.get(robot, nil) do
-      {BB.PubSub, _routes, bus} -> if owner(bus) != :undefined, do: {:ok, bus}, else: :error
+      {__MODULE__, _routes, bus} -> if owner(bus) != :undefined, do: {:ok, bus}, else: :error
       _ -> :error
     end
   end
 
-  def fetch(robot), do: raise(ArgumentError, "a robot is a module, got: #{inspect(robot)}")
+  def fetch(robot),
+    do: raise(ArgumentError, "expected a robot's module, got: #{inspect(robot)}")
 
-  @doc "The same, or an `ArgumentError` that says what to do."
+  @doc "Returns a robot's bus. Raises `ArgumentError` if the robot is not started."
   @spec fetch!(module()) :: t()
   def fetch!(robot) do
     case fetch(robot) do
@@ -98,14 +113,15 @@ defmodule BB.PubSub.Bus do
 
       :error ->
         raise ArgumentError,
-              "the robot #{inspect(robot)} is not started: start it under a supervisor or with #{inspect(robot)}.start_link() first"
+              "robot #{inspect(robot)} is not started; start it under a supervisor or with " <>
+                "#{inspect(robot)}.start_link()"
     end
   end
 
-  @doc "Forgets the bus, unless another has taken its place."
+  @doc "Deletes the bus, and its entry for publishers unless another bus has replaced that."
   @spec close(t()) :: :ok
   def close(bus) do
-    with {BB.PubSub, _routes, %{subscriptions: tid}} when tid == bus.subscriptions <-
+    with {__MODULE__, _routes, %{subscriptions: tid}} when tid == bus.subscriptions <-
            :persistent_term.get(bus.robot, nil),
          do: :persistent_term.erase(bus.robot)
 
@@ -116,7 +132,7 @@ defmodule BB.PubSub.Bus do
     :ok
   end
 
-  @doc "Whether the process that started the bus is there."
+  @doc "Returns whether the process that started the bus is alive."
   @spec owned?(t()) :: boolean()
   def owned?(bus) do
     owner = owner(bus)
@@ -125,15 +141,15 @@ defmodule BB.PubSub.Bus do
 
   defp owner(bus), do: :ets.info(bus.subscriptions, :owner)
 
-  @doc "Whether the last messages at the path are kept."
+  @doc "Returns whether the last messages at the path are kept."
   @spec retained?(t(), Path.t()) :: boolean()
   def retained?(%{retained: retained}, path) do
     is_map_key(retained, path) or Enum.any?(Path.ancestors(path), &is_map_key(retained, &1))
   end
 
   @doc """
-  The bus that keeps the messages at and below a prefix too; `{:error, most}` when it has as many
-  prefixes as it can have.
+  Returns the bus with a further retained prefix, or `{:error, most}` if it has as many as it may
+  have.
   """
   @spec retain(t(), Path.t()) :: {:ok, t()} | {:error, pos_integer()}
   def retain(%{retained: retained} = bus, prefix) do

@@ -1,53 +1,66 @@
 defmodule BB.PubSub.Retention do
   @moduledoc """
-  The last messages of retained paths, and their replay to late subscribers.
+  Keeps the last message of each retained path, and replays it to late subscribers.
 
-  A publisher numbers and keeps its message before it looks who is subscribed; a subscriber is
-  known to publishers before it looks what is kept. So whatever the moment, a message is seen by
-  one of the two, and the numbers tell when it was seen by both (`BB.PubSub.Gate`).
+  `BB.PubSub.publish/4` keeps messages here; `BB.PubSub.last/2` and `BB.PubSub.subscribe/3` read them:
 
-  What is kept of passing paths is bounded, `BB.PubSub.Passing` says how.
+      stamp = Retention.keep(bus, path, message)
+      Retention.last(bus, path)
+
+  A publisher numbers and keeps its message before it looks up the subscribers. A subscriber is
+  known to publishers before it looks up the kept messages. So one of the two always sees the
+  message, and when both do, its number shows that (`BB.PubSub.Replay`).
+
+  The number of kept messages on transient paths is bounded (`BB.PubSub.TransientPaths`).
   """
 
   alias BB.{Message, Path}
-  alias BB.PubSub.{Bus, Gate, Pages, Passing, Subscription}
 
-  @type sequence :: :atomics.atomics_ref()
+  alias BB.PubSub.{
+    Admission,
+    Bus,
+    Cells,
+    Replay,
+    Subscription,
+    Subscriptions,
+    SubscriptionState,
+    TransientPaths
+  }
 
-  @doc "The source of a retained path's numbers, the same one for all who ask."
-  @spec sequence(Bus.t(), Path.t()) :: sequence()
+  @doc "Returns the counter that numbers the messages of a retained path. Every caller gets the same one."
+  @spec sequence(Bus.t(), Path.t()) :: Replay.sequence()
   def sequence(bus, path) do
-    fresh = :atomics.new(1, [])
+    new = :atomics.new(1, [])
 
     case :ets.lookup(bus.last, path) do
       [{_, sequence, _, _}] ->
         sequence
 
       [] ->
-        if :ets.insert_new(bus.last, {path, fresh, 0, nil}), do: fresh, else: sequence(bus, path)
+        if :ets.insert_new(bus.last, {path, new, 0, nil}), do: new, else: sequence(bus, path)
     end
   end
 
   @doc """
-  Keeps the message as the last one of its path, which `BB.PubSub.Traffic` knows. Returns its
-  number.
+  Keeps the message as the last one of its path, which must have a stream. Returns the message's
+  stamp.
   """
-  @spec keep(Bus.t(), Path.t(), Message.t()) :: Gate.stamp()
+  @spec keep(Bus.t(), Path.t(), Message.t()) :: Replay.stamp()
   def keep(bus, path, message) do
-    number = keep(bus, path, message, sequence(bus, path))
-    unless Passing.known?(bus, path), do: :ets.delete(bus.last, path)
-    number
+    stamp = keep(bus, path, message, sequence(bus, path))
+    unless TransientPaths.known?(bus, path), do: :ets.delete(bus.last, path)
+    stamp
   end
 
-  @doc "The same, for a publisher who knows the sequence, of a path that lasts."
-  @spec keep(Bus.t(), Path.t(), Message.t(), sequence()) :: Gate.stamp()
+  @doc "Keeps the message as `keep/3` does, for a permanent path whose sequence the publisher has."
+  @spec keep(Bus.t(), Path.t(), Message.t(), Replay.sequence()) :: Replay.stamp()
   def keep(bus, path, message, sequence) do
     number = :atomics.add_get(sequence, 1, 1)
     :ets.insert(bus.last, {path, sequence, number, message})
     {number, sequence}
   end
 
-  @doc "The last message of the path, or `nil`."
+  @doc "Returns the last message of the path, or `nil`."
   @spec last(Bus.t(), Path.t()) :: Message.t() | nil
   def last(bus, path) do
     case :ets.lookup(bus.last, path) do
@@ -56,7 +69,11 @@ defmodule BB.PubSub.Retention do
     end
   end
 
-  @doc "Sends the last messages to the calling process, whose subscription this is and is known to publishers."
+  @doc """
+  Sends the kept messages that the subscription asks for to the calling process.
+
+  The subscription is the caller's, and publishers must know it already.
+  """
   @spec replay(Bus.t(), Subscription.t()) :: :ok
   def replay(_bus, %{replay: false}), do: :ok
 
@@ -66,23 +83,23 @@ defmodule BB.PubSub.Retention do
     kept
     |> Enum.filter(&Subscription.reaches?(subscription, &1))
     |> Enum.sort()
-    |> Enum.each(&replay(bus, subscription, &1))
+    |> Enum.each(&replay_path(bus, subscription, &1))
 
-    Gate.replayed_all(subscription.counters)
+    Replay.finish(subscription.counters)
   end
 
-  # The path may have been forgotten meanwhile.
-  defp replay(bus, subscription, path) do
-    cell = Gate.cell(bus, subscription, path)
+  # The path may have been forgotten since.
+  defp replay_path(bus, subscription, path) do
+    cell = Cells.fetch(bus, subscription, path)
 
     case :ets.lookup(bus.last, path) do
       [{_, _, number, message}] when number > 0 ->
         delivery = {:bb, path, message}
 
-        Gate.replay(
+        Replay.run(
           cell,
           number,
-          fn -> replay(bus, subscription, path, delivery) end,
+          fn -> send_replay(bus, subscription, cell, delivery) end,
           fn -> take_back(subscription, delivery) end
         )
 
@@ -91,25 +108,24 @@ defmodule BB.PubSub.Retention do
     end
   end
 
-  defp replay(bus, subscription, path, {:bb, path, message} = delivery) do
+  defp send_replay(bus, subscription, cell, {:bb, path, message} = delivery) do
     if Subscription.wants?(subscription, message.payload.__struct__) and
          not replayed_before?(bus, subscription, path) do
-      gate = Gate.new(bus, subscription, path, true)
-      Gate.deliver([gate], subscription.pid, delivery, nil)
+      Admission.deliver([Admission.new(subscription, cell)], subscription.pid, delivery, nil)
     end
   end
 
   defp take_back(subscription, delivery) do
     receive do
-      ^delivery -> Gate.correct(subscription.counters, {-1, 1})
+      ^delivery -> SubscriptionState.add(subscription.counters, {-1, 1})
     after
       0 -> :ok
     end
   end
 
-  # One copy: another subscription of the process has had it, or what is newer.
+  # With `unique`, another subscription of the process may have replayed this message or a newer one.
   defp replayed_before?(bus, subscription, path) do
-    Enum.any?(Pages.of(bus, subscription.pid), fn other ->
+    Enum.any?(Subscriptions.of(bus, subscription.pid), fn other ->
       other.id != subscription.id and other.replay and
         (other.unique or subscription.unique) and Subscription.reaches?(other, path)
     end)

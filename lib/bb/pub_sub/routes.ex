@@ -1,49 +1,47 @@
 defmodule BB.PubSub.Routes do
-  @moduledoc """
-  Where a message goes, worked out before it is published. Everything here is a function of its
-  arguments.
+  @few 8
 
-  A publisher's message touches as little memory as can be: the last segment of a path, which
-  tells most paths apart, is looked up in a map and leads to the few sources that end in it. Where
-  many do, there is a map of those. Subscriptions elsewhere, or for other types, are not in it.
+  @moduledoc """
+  The routes of a bus: for each stream, the processes that get its messages. All functions are pure.
+
+  `BB.PubSub.Registrar` makes routes when subscriptions change, and publishers look theirs up:
+
+      Routes.find(routes, [:sensor, :base_link, :imu], BB.Message.Sensor.Imu)
+
+  A lookup touches little memory. The last segment of a path distinguishes most paths; it is the
+  key of a map whose values are the few routes of paths that end in it. More than #{@few} such routes
+  become a map of their own.
   """
 
   alias BB.Path
-  alias BB.PubSub.{Subscription, Traffic}
-
-  @few 8
+  alias BB.PubSub.{Admission, Meter, Replay}
 
   @type t :: %{(Path.segment() | nil) => [route()] | %{{Path.t(), module()} => route()}}
 
   @typedoc """
-  A source, its meter, and who receives what it publishes; the version of the route, which
-  publishers may take as long as it is that of the meter; and the sequence of a retained path's
-  numbers.
+  A stream's path and payload type, its meter, its targets, the version of the route, and the
+  sequence of a retained path.
+
+  Publishers may use the route while its version is that of the meter.
   """
   @type route ::
-          {Path.t(), module(), Traffic.meter(), [target()], version :: non_neg_integer(),
-           :atomics.atomics_ref() | nil}
+          {Path.t(), module(), Meter.t(), [target()], version :: non_neg_integer(),
+           Replay.sequence() | nil}
 
-  @typedoc "A process that gets the message, or one that gets it through one of these gates."
-  @type target :: pid() | {pid(), [BB.PubSub.Gate.t()]}
+  @typedoc "A process that gets every message, or one with the admissions of its subscriptions."
+  @type target :: pid() | {pid(), [Admission.t()]}
 
-  @typedoc """
-  One copy to a process, by the first of these subscriptions that takes it. The shadowed ones
-  would have got it too, were it not for the one copy.
-  """
-  @type step :: {pid(), [Subscription.t(), ...], shadowed :: [Subscription.t()]}
-
-  @doc "No routes."
+  @doc "Returns a table without routes."
   @spec new() :: t()
   def new, do: %{}
 
-  @doc "The route of a source. A path that is no list of segments has none."
+  @doc "Returns the route of a stream, or `nil`. An invalid path has none."
   @spec find(t(), Path.t(), module()) :: route() | nil
   def find(routes, path, type) do
     last = last(path)
 
     case routes do
-      %{^last => few} when is_list(few) -> among(few, path, type)
+      %{^last => few} when is_list(few) -> find_in(few, path, type)
       %{^last => %{{^path, ^type} => route}} -> route
       _ -> nil
     end
@@ -53,82 +51,38 @@ defmodule BB.PubSub.Routes do
   defp last([_ | rest]), do: last(rest)
   defp last(_), do: nil
 
-  defp among([{path, type, _, _, _, _} = route | _], path, type), do: route
-  defp among([_ | rest], path, type), do: among(rest, path, type)
-  defp among([], _path, _type), do: nil
+  defp find_in([{path, type, _, _, _, _} = route | _], path, type), do: route
+  defp find_in([_ | rest], path, type), do: find_in(rest, path, type)
+  defp find_in([], _path, _type), do: nil
 
-  @doc "Puts the route of its source."
+  @doc "Puts a route in the place of its stream's former one."
   @spec put(t(), route()) :: t()
   def put(routes, route) do
     last = last(elem(route, 0))
-    Map.put(routes, last, routes |> Map.get(last, []) |> put_among(route))
+    Map.put(routes, last, routes |> Map.get(last, []) |> put_in_few(route))
   end
 
-  defp put_among(many, route) when is_map(many), do: Map.put(many, source(route), route)
+  defp put_in_few(many, route) when is_map(many), do: Map.put(many, stream(route), route)
 
-  defp put_among(few, route) do
-    source = source(route)
-    few = [route | Enum.reject(few, &(source(&1) == source))]
-    if length(few) > @few, do: Map.new(few, &{source(&1), &1}), else: few
+  defp put_in_few(few, route) do
+    stream = stream(route)
+    few = [route | Enum.reject(few, &(stream(&1) == stream))]
+    if length(few) > @few, do: Map.new(few, &{stream(&1), &1}), else: few
   end
 
-  defp source({path, type, _, _, _, _}), do: {path, type}
+  defp stream({path, type, _, _, _, _}), do: {path, type}
 
-  @doc "Takes the route of a source away, if there is one."
+  @doc "Deletes the route of a stream, if there is one."
   @spec delete(t(), {Path.t(), module()}) :: t()
-  def delete(routes, {path, _type} = source) do
+  def delete(routes, {path, _type} = stream) do
     last = last(path)
 
-    case delete_among(Map.get(routes, last, []), source) do
+    case delete_from(Map.get(routes, last, []), stream) do
       [] -> Map.delete(routes, last)
       left -> Map.put(routes, last, left)
     end
   end
 
-  defp delete_among(many, source) when is_map(many), do: Map.delete(many, source)
-  defp delete_among(few, source), do: Enum.reject(few, &(source(&1) == source))
-
-  @doc """
-  Who gets a payload of `type`: the steps to take, in order, and the subscriptions that hear of it
-  but do not get it.
-
-  `subscriptions` are those that hear of the path, nearest first.
-  """
-  @spec plan([Subscription.t()], module()) :: {[step()], [Subscription.t()]}
-  def plan(subscriptions, type) do
-    {wanted, filtered} = Enum.split_with(subscriptions, &Subscription.wants?(&1, type))
-
-    case for %{unique: true, pid: pid} <- wanted, into: %{}, do: {pid, []} do
-      none when none == %{} -> {for(one <- wanted, do: {one.pid, [one], []}), filtered}
-      pids -> wanted |> one_step_each(pids) |> and_shadowed(filtered)
-    end
-  end
-
-  # A process with a unique subscription gets one copy, where the nearest of its subscriptions
-  # stands. One that takes everything makes the others superfluous.
-  defp one_step_each(wanted, pids) do
-    of_each = wanted |> Enum.filter(&is_map_key(pids, &1.pid)) |> Enum.group_by(& &1.pid)
-    steps(wanted, of_each)
-  end
-
-  defp steps([], _of_each), do: []
-
-  defp steps([%{pid: pid} = first | rest], of_each) do
-    case of_each do
-      %{^pid => :done} -> steps(rest, of_each)
-      %{^pid => all} -> [step(pid, all) | steps(rest, %{of_each | pid => :done})]
-      _ -> [{pid, [first], []} | steps(rest, of_each)]
-    end
-  end
-
-  defp step(pid, subscriptions) do
-    case Enum.find(subscriptions, &(not Subscription.gated?(&1))) do
-      nil -> {pid, subscriptions, []}
-      plain -> {pid, [plain], List.delete(subscriptions, plain)}
-    end
-  end
-
-  defp and_shadowed(steps, filtered) do
-    {steps, filtered ++ Enum.flat_map(steps, fn {_pid, _takers, shadowed} -> shadowed end)}
-  end
+  defp delete_from(many, stream) when is_map(many), do: Map.delete(many, stream)
+  defp delete_from(few, stream), do: Enum.reject(few, &(stream(&1) == stream))
 end

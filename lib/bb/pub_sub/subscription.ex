@@ -1,14 +1,20 @@
 defmodule BB.PubSub.Subscription do
   @moduledoc """
-  Who wants what: one call of `BB.PubSub.subscribe/3` as data.
+  A subscription: one call of `BB.PubSub.subscribe/3` as data.
 
-  Options that are not given cost a publisher nothing. A subscription is *gated* when whether it
-  gets a message is known only while that is published: because of its rate, its mailbox, or what
-  has been replayed to it (`BB.PubSub.Gate`).
+  The subscriber creates it, `BB.PubSub.Registrar` stores it, and publishers read it:
+
+      subscription = Subscription.new([:sensor], max_rate: 10)
+      Subscription.reaches?(subscription, [:sensor, :base_link, :imu])
+      #=> true
+
+  A subscription is *conditional* when only publishing decides whether it gets a message, because of
+  `max_rate`, `max_queue` or `replay` (`BB.PubSub.Admission`). Options that are not given cost a
+  publisher nothing.
   """
 
   alias BB.{Options, Path}
-  alias BB.PubSub.Gate
+  alias BB.PubSub.SubscriptionState
 
   @enforce_keys [:id, :pid, :path, :counters]
   defstruct [
@@ -34,49 +40,48 @@ defmodule BB.PubSub.Subscription do
           replay: boolean(),
           exact: boolean(),
           unique: boolean(),
-          counters: Gate.counters()
+          counters: SubscriptionState.counters()
         }
 
   @schema Options.new!(
             message_types: [
               type: {:list, :module},
               default: [],
-              doc: "Payload modules: only messages with one of these payloads; `[]` is all."
+              doc:
+                "Payload modules. Delivers only messages with one of these payloads; `[]` delivers all."
             ],
             max_rate: [
               type: {:or, [:pos_integer, {:custom, __MODULE__, :check_rate, []}]},
               doc:
-                "At most so many messages a second (Hz) of each source path; the others are dropped."
+                "The most messages delivered per second (Hz) of each path; the others are dropped."
             ],
             replay: [
               type: :boolean,
               default: false,
-              doc:
-                "Delivers the last message of each retained path at once, before anything newer from it."
+              doc: "Delivers the last message of each retained path at once, before newer ones."
             ],
             exact: [
               type: :boolean,
               default: false,
-              doc: "Only what is published at this very path, nothing from below."
+              doc: "Delivers only messages published at exactly this path, none from below it."
             ],
             unique: [
               type: :boolean,
               default: false,
               doc:
-                "One copy of a message, although others of the caller's subscriptions get it too."
+                "Delivers one copy of a message, even if other subscriptions of the caller match."
             ],
             max_queue: [
               type: :non_neg_integer,
-              doc:
-                "While more messages than this wait in the caller's mailbox, the caller is skipped."
+              doc: "Skips the caller while more messages than this are in its mailbox."
             ]
           )
 
-  @doc "The options of `BB.PubSub.subscribe/3`."
+  @doc "Returns the schema for the options of `BB.PubSub.subscribe/3`."
   @spec schema() :: Options.t()
   def schema, do: @schema
 
-  @doc "The calling process's subscription to a path. Raises `ArgumentError` for what is no path or no option."
+  @doc "Creates a subscription of the calling process. Raises `ArgumentError` for an invalid path or option."
   @spec new(Path.t(), keyword()) :: t()
   def new(path, opts) do
     opts = check!(opts)
@@ -85,7 +90,7 @@ defmodule BB.PubSub.Subscription do
       id: make_ref(),
       pid: self(),
       path: Path.validate!(path),
-      counters: Gate.counters(),
+      counters: SubscriptionState.new_counters(),
       period_ns: opts[:max_rate] && ceil(1_000_000_000 / opts[:max_rate]),
       message_types: opts[:message_types],
       replay: opts[:replay],
@@ -108,18 +113,18 @@ defmodule BB.PubSub.Subscription do
   def check_rate(other),
     do: {:error, "expected a rate in Hz, a number above 0, got: #{inspect(other)}"}
 
-  @doc "Whether the subscription hears of what is published at the path, of whatever type."
+  @doc "Returns whether messages published at `path` reach the subscription, whatever their type."
   @spec reaches?(t(), Path.t()) :: boolean()
-  def reaches?(%{exact: true, path: path}, source), do: path == source
-  def reaches?(%{path: path}, source), do: Path.prefix?(path, source)
+  def reaches?(%{exact: true, path: subscribed}, path), do: path == subscribed
+  def reaches?(%{path: subscribed}, path), do: Path.prefix?(subscribed, path)
 
-  @doc "Whether the subscription takes payloads of the type."
+  @doc "Returns whether the subscription takes payloads of this type."
   @spec wants?(t(), module()) :: boolean()
   def wants?(%{message_types: []}, _type), do: true
   def wants?(%{message_types: types}, type), do: type in types
 
-  @doc "Whether it takes a look at publishing to know that a message goes to it."
-  @spec gated?(t()) :: boolean()
-  def gated?(%{period_ns: nil, max_queue: nil, replay: false}), do: false
-  def gated?(_subscription), do: true
+  @doc "Returns whether only publishing decides if the subscription gets a message."
+  @spec conditional?(t()) :: boolean()
+  def conditional?(%{period_ns: nil, max_queue: nil, replay: false}), do: false
+  def conditional?(_subscription), do: true
 end

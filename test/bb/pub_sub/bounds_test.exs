@@ -13,8 +13,8 @@ defmodule BB.PubSub.BoundsTest do
 
   @patience_ms 60_000
   # What BB.PubSub's documentation says.
-  @lasting 4_000
-  @passing 1_000
+  @permanent 4_000
+  @transient 1_000
 
   setup do
     robot = Module.concat(__MODULE__, "Robot#{System.unique_integer([:positive])}")
@@ -26,7 +26,7 @@ defmodule BB.PubSub.BoundsTest do
   defp publish(robot, path, ns), do: Enum.each(ns, &PubSub.publish(robot, path, status(&1)))
 
   defp tables(robot) do
-    {PubSub, _routes, bus} = :persistent_term.get(robot)
+    {PubSub.Bus, _routes, bus} = :persistent_term.get(robot)
 
     for {name, table} when is_reference(table) <- Map.from_struct(bus),
         :ets.info(table) != :undefined,
@@ -39,7 +39,7 @@ defmodule BB.PubSub.BoundsTest do
   # In words: what stands in tables and routes, and in the process that writes them.
   defp memory(robot, bus) do
     :erlang.garbage_collect(bus)
-    {PubSub, routes, _bus} = :persistent_term.get(robot)
+    {PubSub.Bus, routes, _bus} = :persistent_term.get(robot)
     {:total_heap_size, heap} = Process.info(bus, :total_heap_size)
     tables = for {_, table} <- tables(robot), do: :ets.info(table, :memory)
     Enum.sum(tables) + :erts_debug.flat_size(routes) + heap
@@ -188,18 +188,18 @@ defmodule BB.PubSub.BoundsTest do
 
       log =
         capture_log(fn ->
-          come_and_go(robot, 3 * @passing)
+          come_and_go(robot, 3 * @transient)
           Process.put(:rows, rows(robot))
-          come_and_go(robot, 3 * @passing)
+          come_and_go(robot, 3 * @transient)
         end)
 
       assert rows(robot) <= Process.get(:rows) + 10
-      assert rows(robot) < 15 * @passing
-      assert length(PubSub.topics(robot)) == 2 * @passing
+      assert rows(robot) < 15 * @transient
+      assert length(PubSub.topics(robot)) == 2 * @transient
 
       # What is forgotten of retained paths is said, once.
       assert [_before, _after] =
-               String.split(log, "the last messages of the newest 1000 are kept")
+               String.split(log, "keeps the last messages of the newest 1000 transient paths")
     end
 
     defp come_and_go(robot, n) do
@@ -210,7 +210,7 @@ defmodule BB.PubSub.BoundsTest do
       {:ok, _} = PubSub.subscribe(robot, [:reply])
       {:ok, _} = PubSub.subscribe(robot, [:reply], message_types: [Message.Sensor.Range])
       {:ok, _} = PubSub.subscribe(robot, [:reply], max_rate: 0.001)
-      n = 3 * @passing
+      n = 3 * @transient
       for _ <- 1..n, do: publish(robot, [:reply, make_ref()], [1])
 
       assert [{^n, 0, 0}, {0, 0, ^n}, {^n, 0, 0}] =
@@ -223,20 +223,20 @@ defmodule BB.PubSub.BoundsTest do
     end
 
     test "keep the last messages of the newest", %{robot: robot} do
-      paths = for n <- 1..(2 * @passing), do: {[:param, make_ref()], n}
+      paths = for n <- 1..(2 * @transient), do: {[:param, make_ref()], n}
       capture_log(fn -> for {path, n} <- paths, do: publish(robot, path, [n]) end)
       # Others that come and go push none of them out.
-      for _ <- 1..(2 * @passing), do: publish(robot, [:reply, make_ref()], [1])
+      for _ <- 1..(2 * @transient), do: publish(robot, [:reply, make_ref()], [1])
 
       for {path, n} <- paths do
         last = PubSub.last(robot, path)
-        assert if(n > @passing, do: last.payload.restarts == n, else: last == nil)
+        assert if(n > @transient, do: last.payload.restarts == n, else: last == nil)
       end
 
       {:ok, _} = PubSub.subscribe(robot, [:param], replay: true)
 
       for {path, n} <- paths,
-          n > @passing,
+          n > @transient,
           do: assert_received({:bb, ^path, %{payload: %{restarts: ^n}}})
 
       refute_received {:bb, _, _}
@@ -251,12 +251,12 @@ defmodule BB.PubSub.BoundsTest do
             do: Task.async(fn -> for path <- Enum.shuffle(few), do: publish(robot, path, [1]) end)
 
       Task.await_many(publishers, @patience_ms)
-      {PubSub, _routes, bus} = :persistent_term.get(robot)
-      remembered = for {{[_ | _] = path, 0}, _place} <- :ets.tab2list(bus.passing), do: path
-      assert length(remembered) == @passing
+      {PubSub.Bus, _routes, bus} = :persistent_term.get(robot)
+      remembered = for {{[_ | _] = path, 0}, _place} <- :ets.tab2list(bus.transient), do: path
+      assert length(remembered) == @transient
       for {{_id, path}, _cell} <- :ets.tab2list(bus.cells), do: assert(path in remembered)
 
-      for {{path, type}, _} when is_list(path) and type != 0 <- :ets.tab2list(bus.passing),
+      for {{path, type}, _} when is_list(path) and type != 0 <- :ets.tab2list(bus.transient),
           do: assert(path in remembered)
     end
   end
@@ -268,7 +268,7 @@ defmodule BB.PubSub.BoundsTest do
     } do
       {:ok, _} = PubSub.subscribe(robot, [:ever])
       {:ok, _} = PubSub.subscribe(robot, [:ever], max_rate: 1)
-      most = @lasting + 2 * @passing
+      most = @permanent + 2 * @transient
       test = self()
 
       publishers =
@@ -283,7 +283,7 @@ defmodule BB.PubSub.BoundsTest do
       for n <- 1..200 do
         assert {:ok, ^bus} = PubSub.subscribe(robot, [:elsewhere, :"path_#{n}"])
         {:message_queue_len, waiting} = Process.info(bus, :message_queue_len)
-        assert waiting <= @lasting
+        assert waiting <= @permanent
       end
 
       for pid <- publishers, do: assert_receive({:published, ^pid}, @patience_ms)
@@ -294,18 +294,18 @@ defmodule BB.PubSub.BoundsTest do
       end
 
       for row <- PubSub.stats(robot), row.path == [:ever], do: assert(row.delivered == most)
-      assert length(PubSub.topics(robot)) <= @lasting + 2 + 2 * @passing
-      assert rows(robot) < 10 * (@lasting + @passing)
+      assert length(PubSub.topics(robot)) <= @permanent + 2 + 2 * @transient
+      assert rows(robot) < 10 * (@permanent + @transient)
     end
 
     test "below a retained path keep their last messages up to a number", %{robot: robot} do
-      most = @lasting + 3 * @passing
+      most = @permanent + 3 * @transient
 
       capture_log(fn -> for n <- 1..most, do: publish(robot, [:param, :"kept_#{n}"], [n]) end)
 
       assert PubSub.last(robot, [:param, :kept_1]).payload.restarts == 1
       assert PubSub.last(robot, [:param, :"kept_#{most}"]).payload.restarts == most
-      assert :ets.info(tables(robot).last, :size) == @lasting + @passing
+      assert :ets.info(tables(robot).last, :size) == @permanent + @transient
     end
   end
 
@@ -334,7 +334,9 @@ defmodule BB.PubSub.BoundsTest do
               fn -> PubSub.last(robot, path) end,
               fn -> BB.Safety.inhibit(robot, path, :test) end
             ] do
-          assert_raise ArgumentError, ~r/a path has at most 64 segments, got: #{n},/, call
+          assert_raise ArgumentError,
+                       ~r/expected a path of at most 64 segments, got: #{n} in/,
+                       call
         end
       end
 
@@ -352,7 +354,7 @@ defmodule BB.PubSub.BoundsTest do
   end
 
   defp routed?(robot, path) do
-    {PubSub, routes, _bus} = :persistent_term.get(robot)
+    {PubSub.Bus, routes, _bus} = :persistent_term.get(robot)
     PubSub.Routes.find(routes, path, Status) != nil
   end
 end

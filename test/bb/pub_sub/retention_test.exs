@@ -5,7 +5,6 @@ defmodule BB.PubSub.RetentionTest do
 
   alias BB.{Message, PubSub}
   alias BB.Message.Sensor.{PowerState, Status}
-  alias BB.PubSub.Gate
   alias BB.Test.Actor
 
   setup do
@@ -75,7 +74,7 @@ defmodule BB.PubSub.RetentionTest do
             fn -> PubSub.stats(NotStarted) end,
             fn -> PubSub.missed(NotStarted) end
           ],
-          do: assert_raise(ArgumentError, ~r/the robot NotStarted is not started/, call)
+          do: assert_raise(ArgumentError, ~r/robot NotStarted is not started/, call)
     end
   end
 
@@ -148,7 +147,7 @@ defmodule BB.PubSub.RetentionTest do
 
   # Subscribers that come while publishers publish, again and again on the same paths. The prefix is fresh in each round, so
   # that some meet the first message of a path.
-  property "a late subscriber with replay: true sees the last value of each retained source once, and nothing out of order",
+  property "a late subscriber with replay: true sees the last value of each retained path once, and nothing out of order",
     numtests: 60 do
     forall {publishers, subscribers, messages, first} <-
              {integer(1, 3), integer(1, 3), integer(1, 60), integer(0, 3)} do
@@ -234,88 +233,6 @@ defmodule BB.PubSub.RetentionTest do
       {_, routes, _} = :persistent_term.get(robot)
       PubSub.Routes.find(routes, path, Status)
     end)
-  end
-
-  describe "a message that is being replayed" do
-    setup do
-      sequence = :atomics.new(1, [])
-      :atomics.put(sequence, 1, 9)
-      subscription = PubSub.Subscription.new([:a], replay: true)
-      cell = :atomics.new(2, [])
-      gate = {subscription.counters, cell, subscription}
-      stamped = fn n -> Gate.deliver([gate], self_of(subscription), {:bb, n}, {n, sequence}) end
-      %{cell: cell, subscription: subscription, publish: stamped}
-    end
-
-    defp self_of(%{pid: pid}), do: pid
-
-    # Every way in which a publisher's message can meet a replay of number 5: before, between its two steps, after. What
-    # arrives is in order, without a copy, and ends with the newest.
-    test "stands before everything newer, once, whenever publishers come", context do
-      %{cell: cell, publish: publish} = context
-
-      for early <- [[], [4], [5], [6], [4, 6], [6, 7], [6, 4]], late <- [[], [4], [5], [8]] do
-        for index <- 1..2, do: :atomics.put(cell, index, 0)
-        # The subscriber is about to replay 5, and somebody publishes.
-        :atomics.put(cell, 1, -5)
-        Enum.each(early, publish)
-        if :atomics.compare_exchange(cell, 1, -5, 5) == :ok, do: send(self(), {:bb, 5})
-        Enum.each(late, publish)
-
-        newer = Enum.filter(early ++ late, &(&1 > 5))
-        overtaken? = Enum.any?(early, &(&1 > 5))
-        assert arrived([]) == if(overtaken?, do: newer, else: [5 | newer])
-      end
-    end
-
-    test "is sent by the subscriber alone when nobody comes", %{cell: cell, publish: publish} do
-      :ok = Gate.replay(cell, 5, fn -> send(self(), {:bb, 5}) end, fn -> flunk("taken back") end)
-      Enum.each([4, 5, 6], publish)
-      assert arrived([]) == [5, 6]
-    end
-
-    test "is left out when a publisher was first", %{cell: cell, publish: publish} do
-      publish.(9)
-      :ok = Gate.replay(cell, 5, fn -> flunk("replayed") end, fn -> flunk("taken back") end)
-      assert arrived([]) == [9]
-    end
-
-    test "is not passed by an older one of a publisher that is late", context do
-      %{cell: cell, publish: publish} = context
-      publish.(8)
-      :ok = Gate.replay(cell, 9, fn -> send(self(), {:bb, 9}) end, fn -> flunk("taken back") end)
-      assert arrived([]) == [9]
-    end
-
-    test "is taken back when a publisher could not wait until it was sent", context do
-      %{cell: cell, publish: publish} = context
-
-      send_late = fn ->
-        # The thread of the subscriber stands still here, longer than a publisher waits.
-        Task.await(Task.async(fn -> publish.(6) end), 60_000)
-        send(self(), {:bb, 5})
-      end
-
-      take_back = fn -> receive do: ({:bb, 5} -> :ok) end
-      :ok = Gate.replay(cell, 5, send_late, take_back)
-      publish.(7)
-      assert arrived([]) == [6, 7]
-    end
-
-    test "is waited for by nobody when the replays are over", context do
-      %{subscription: subscription, publish: publish} = context
-      Gate.replayed_all(subscription.counters)
-      Enum.each([1, 2], publish)
-      assert arrived([]) == [1, 2]
-    end
-
-    defp arrived(numbers) do
-      receive do
-        {:bb, n} -> arrived([n | numbers])
-      after
-        0 -> Enum.reverse(numbers)
-      end
-    end
   end
 
   # At whatever point of its replay a subscriber stands still: publishers go on, and once it goes on too it has got of each path
@@ -541,7 +458,11 @@ defmodule BB.PubSub.RetentionTest do
     robot = Module.concat(__MODULE__, "Taken#{System.unique_integer([:positive])}")
     :persistent_term.put(robot, :mine)
     assert_raise ArgumentError, ~r/is not started/, fn -> publish(robot, [:a], [1]) end
-    assert_raise ArgumentError, ~r/belongs to the bus/, fn -> PubSub.start_link(robot) end
+
+    assert_raise ArgumentError, ~r/to be free for the bus of that robot, got: :mine/, fn ->
+      PubSub.start_link(robot)
+    end
+
     assert :persistent_term.get(robot) == :mine
     :persistent_term.erase(robot)
   end

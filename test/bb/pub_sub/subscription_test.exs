@@ -57,7 +57,7 @@ defmodule BB.PubSub.SubscriptionTest do
   end
 
   describe "max_rate" do
-    test "decimates: at most so many per second per source path", %{robot: robot, actor: actor} do
+    test "decimates: at most so many per second per path", %{robot: robot, actor: actor} do
       subscribe(actor, robot, [:a], max_rate: 0.001)
       for path <- [[:a], [:a, :b]], do: publish(robot, path, 1..20)
       assert numbers(actor) == [{[:a], 1}, {[:a, :b], 1}]

@@ -1,0 +1,5 @@
+defmodule BB.PubSub.MeterTest do
+  use ExUnit.Case, async: true
+
+  doctest BB.PubSub.Meter
+end
