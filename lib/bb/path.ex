@@ -1,12 +1,18 @@
 defmodule BB.Path do
   @moduledoc """
-  Where a message belongs: a list of segments from the general to the particular, as `[:sensor,
-  :base_link, :imu]`.
+  A path on the bus: a list of segments from the general to the particular.
 
-  A segment is an atom; a reference is one too, for paths that nobody else may guess. A path is
-  below each of its prefixes, and every path is below `[]`. It has at most 64 segments: each of
-  them costs its publishers and subscribers a look at one more level. Everything here is a
-  function of its arguments.
+  Use these functions to check paths and to compare them. `BB.PubSub` delivers a message published
+  at a path to the subscribers at that path and at its ancestors:
+
+      iex> BB.Path.ancestors([:sensor, :base_link, :imu])
+      [[:sensor, :base_link], [:sensor], []]
+      iex> BB.Path.prefix?([:sensor], [:sensor, :base_link, :imu])
+      true
+
+  A segment is an atom, or a reference in paths that no other process may guess. A path is below each
+  of its prefixes, and every path is below `[]`. It has at most 64 segments, because publishers and
+  subscribers look at each level. All functions are pure.
   """
 
   @max_segments 64
@@ -14,11 +20,11 @@ defmodule BB.Path do
   @type t :: [segment()]
   @type segment :: atom() | reference()
 
-  @doc "Whether the term can be a segment. Allowed in guards."
+  @doc "Returns whether the term can be a segment. Allowed in guards."
   defguard is_segment(segment) when is_atom(segment) or is_reference(segment)
 
   @doc """
-  Whether the term is a path.
+  Returns whether the term is a path.
 
       iex> {BB.Path.valid?([:sensor, :imu]), BB.Path.valid?(["sensor"]), BB.Path.valid?(:sensor)}
       {true, false, false}
@@ -32,36 +38,36 @@ defmodule BB.Path do
   defp valid?([], _left), do: true
   defp valid?(_, _left), do: false
 
-  @doc "The most segments that a path can have."
+  @doc "Returns the largest number of segments that a path can have."
   @spec max_segments() :: pos_integer()
   def max_segments, do: @max_segments
 
   @doc """
-  The path itself, or an `ArgumentError` that shows what was given instead.
+  Returns the path. Raises `ArgumentError` if it is not a valid one.
 
       iex> BB.Path.validate!([:sensor, "imu"])
-      ** (ArgumentError) a path is a list of atoms (or references), got: [:sensor, "imu"]
+      ** (ArgumentError) expected a path, a list of atoms (or references), got: [:sensor, "imu"]
 
       iex> BB.Path.validate!(List.duplicate(:a, 10_000))
-      ** (ArgumentError) a path has at most 64 segments, got: 10000, beginning with [:a, :a]
+      ** (ArgumentError) expected a path of at most 64 segments, got: 10000 in [:a, :a | ...]
   """
   @spec validate!(t()) :: t()
   def validate!(path) do
-    if valid?(path), do: path, else: raise(ArgumentError, complaint(path))
+    if valid?(path), do: path, else: raise(ArgumentError, error_message(path))
   end
 
-  defp complaint(path) do
+  defp error_message(path) do
     if proper?(path) and length(path) > @max_segments,
       do:
-        "a path has at most #{@max_segments} segments, got: #{length(path)}, " <>
-          "beginning with #{inspect(Enum.take(path, 2))}",
-      else: "a path is a list of atoms (or references), got: #{inspect(path)}"
+        "expected a path of at most #{@max_segments} segments, got: #{length(path)} in " <>
+          "[#{path |> Enum.take(2) |> Enum.map_join(", ", &inspect/1)} | ...]",
+      else: "expected a path, a list of atoms (or references), got: #{inspect(path)}"
   end
 
   defp proper?(path), do: is_list(path) and not List.improper?(path)
 
   @doc """
-  Whether nobody else can have made the path: it has a reference.
+  Returns whether the path is private: it contains a reference, which no other process can guess.
 
       iex> {BB.Path.private?([:reply, make_ref()]), BB.Path.private?([:sensor])}
       {true, false}
@@ -70,7 +76,7 @@ defmodule BB.Path do
   def private?(path), do: Enum.any?(path, &is_reference/1)
 
   @doc """
-  The paths above this one, nearest first, `[]` last. There are none above `[]`.
+  Returns the paths above this one, from the nearest to `[]`. The path `[]` has none.
 
       iex> BB.Path.ancestors([:sensor, :base_link, :imu])
       [[:sensor, :base_link], [:sensor], []]
@@ -84,7 +90,7 @@ defmodule BB.Path do
     do: above(rest, [segment | reversed], [Enum.reverse(reversed) | found])
 
   @doc """
-  Whether `path` is `prefix` or below it.
+  Returns whether `path` is `prefix` or below it.
 
       iex> {BB.Path.prefix?([:sensor], [:sensor, :imu]), BB.Path.prefix?([:sensor, :imu], [:sensor])}
       {true, false}

@@ -311,7 +311,7 @@ defmodule BB.SafetyTest do
         Safety.register(Probe, robot: __MODULE__.Unknown, path: @a, opts: [])
       end
 
-      assert_raise ArgumentError, ~r/a path is/, fn ->
+      assert_raise ArgumentError, ~r/expected a path/, fn ->
         Safety.register(Brake, robot: __MODULE__.Unknown, path: :a, opts: [])
       end
     end
