@@ -1,42 +1,52 @@
 defmodule BB.Message do
   @moduledoc """
-  The envelope of everything that a robot's parts tell each other.
+  A message on the bus: the envelope with times and frame, and a payload.
 
-  A message says what was measured (`payload`, a struct of one of the payload modules), in which coordinate frame or by which
-  part (`frame_id`), and when: `monotonic_time` is the Erlang monotonic time and `wall_time` the system time of the same
-  moment, both in nanoseconds. Compare and subtract monotonic times; show and store wall times. `node` is the node that made
-  the message, `robot` the robot on whose pubsub it was published, `nil` until then.
+  Create messages with `new/4`, and publish them with `BB.PubSub.publish/4`. Every message that a
+  subscriber receives is one of these structs:
 
       iex> {:ok, message} = BB.Message.new(BB.Message.Sensor.Range, :front,
       ...>   radiation_type: :infrared, field_of_view: 0.1, min_range: 0.02, max_range: 1.5, range: 0.4)
       iex> {message.frame_id, message.payload.range, message.robot}
       {:front, 0.4, nil}
 
+  The fields are:
+
+    * `payload` - what was measured, a struct of a payload module
+    * `frame_id` - the coordinate frame or the part in which it was measured
+    * `monotonic_time`, `wall_time` - the Erlang monotonic time and the system time of the
+      measurement, in nanoseconds. Compare and subtract monotonic times; show and store wall times.
+    * `node` - the node that created the message
+    * `robot` - the robot on whose bus it was published, `nil` until then
+
   ## Payloads
 
-  A payload is a struct with a schema in the format of `BB.Options`. `use BB.Message` comes after `defstruct`:
+  A payload is a struct with a schema in the format of `BB.Options`. `use BB.Message` comes after
+  `defstruct`:
 
       defmodule MyRobot.Message.Rain do
         defstruct [:rate, wet: false]
 
         use BB.Message,
           schema: [
-            rate: [type: :float, required: true, doc: "Metres a second."],
+            rate: [type: :float, required: true, doc: "The amount of rain, in m/s."],
             wet: [type: :boolean, default: false]
           ]
       end
 
-  It defines
+  It defines:
 
-    * `schema/0` - the schema
-    * `new(frame_id, attrs)` - `{:ok, message}` or `{:error, %BB.Options.ValidationError{}}`, with code that was made for this
-      schema when the module was compiled: a message is checked without walking the schema, and what it refuses is given to
-      `BB.Options.validate/2`, which says why
+    * `schema/0` - returns the schema
+    * `new(frame_id, attrs)` - returns `{:ok, message}` or `{:error, %BB.Options.ValidationError{}}`.
+      Its code is generated for this schema when the module is compiled, so a message is checked
+      without walking the schema. Attributes that it refuses go to `BB.Options.validate/2`, which
+      returns the reason.
 
   A module that defines a `new/2` of its own keeps it, and reaches the checks by `BB.Message.new/3`.
 
-  A key of the schema that is not a field of the struct is a `CompileError`. A `:float` field refuses integers: a driver that
-  publishes `1` where it means `1.0` has likely forgotten to scale. Attributes are a keyword list or a map.
+  A key of the schema that is not a field of the struct raises `CompileError`. A `:float` field
+  refuses integers: a driver that publishes `1` instead of `1.0` has likely forgotten to scale.
+  Attributes are a keyword list or a map.
   """
 
   alias BB.Message.Compiler
@@ -47,7 +57,7 @@ defmodule BB.Message do
 
   @type t :: t(struct())
 
-  @typedoc "A message with a payload of that type."
+  @typedoc "A message with a payload of the given type."
   @type t(payload) :: %__MODULE__{
           monotonic_time: integer(),
           wall_time: integer(),
@@ -59,7 +69,7 @@ defmodule BB.Message do
 
   @type attrs :: keyword() | map()
 
-  @typedoc "When it was measured, in nanoseconds; the time that is not given is taken at the same moment."
+  @typedoc "The time of measurement in nanoseconds. Of one time, the other is calculated."
   @type times :: [monotonic_time: integer(), wall_time: integer()]
 
   @doc false
@@ -71,17 +81,19 @@ defmodule BB.Message do
   end
 
   @doc """
-  Makes a message: `{:ok, message}` or `{:error, %BB.Options.ValidationError{}}`.
+  Creates a message.
 
-  `times` is for what was measured earlier than now, by a camera's or a chip's own clock for example. One of the two times is
-  enough.
+  Returns `{:ok, message}` or `{:error, %BB.Options.ValidationError{}}`. Raises `ArgumentError` when
+  `module` is not a payload module.
+
+  Give `times` for a measurement that was made earlier, for example by the clock of a camera or a
+  chip. One of the two times is enough:
 
       iex> attrs = [voltage: 7.4, current: -0.2]
-      iex> {:ok, message} = BB.Message.new(BB.Message.Sensor.PowerState, :battery, attrs, monotonic_time: 1_000)
+      iex> times = [monotonic_time: 1_000]
+      iex> {:ok, message} = BB.Message.new(BB.Message.Sensor.PowerState, :battery, attrs, times)
       iex> message.monotonic_time
       1000
-
-  Raises `ArgumentError` when `module` is not a payload module.
   """
   @spec new(module(), atom(), attrs(), times()) ::
           {:ok, t()} | {:error, Options.ValidationError.t()}
@@ -92,7 +104,7 @@ defmodule BB.Message do
     end
   end
 
-  @doc "Like `new/4`, but returns the message itself or raises the error."
+  @doc "Creates a message as `new/4` does. Returns the message or raises the error."
   @spec new!(module(), atom(), attrs(), times()) :: t()
   def new!(module, frame_id, attrs, times \\ []) do
     case new(module, frame_id, attrs, times) do
@@ -101,7 +113,7 @@ defmodule BB.Message do
     end
   end
 
-  @doc "The schema of a payload module, as `BB.Options.new!/1` made it."
+  @doc "Returns the schema of a payload module."
   @spec schema(module()) :: Options.t()
   def schema(module), do: payload_module!(module).schema()
 
@@ -126,12 +138,13 @@ defmodule BB.Message do
 
       _ ->
         raise ArgumentError,
-              "the times of a message are :monotonic_time and :wall_time, integers in nanoseconds, got: #{inspect(times)}"
+              "expected :monotonic_time and :wall_time, integers in nanoseconds, as the times of " <>
+                "a message, got: #{inspect(times)}"
     end
   end
 
   def wrap(_payload, frame_id, _times),
-    do: raise(ArgumentError, "the frame_id of a message is an atom, got: #{inspect(frame_id)}")
+    do: raise(ArgumentError, "expected an atom as frame_id, got: #{inspect(frame_id)}")
 
   defp envelope(payload, frame_id, monotonic_time, wall_time) do
     %__MODULE__{
@@ -144,21 +157,20 @@ defmodule BB.Message do
     }
   end
 
-  # One reading of the clock gives both times: they are the same moment, whatever runs in between.
+  # Both times come from one reading of the clock, so they are the same moment.
   defp offset, do: :erlang.time_offset(:nanosecond)
 
-  defp payload(module, attrs) do
-    payload_module!(module).__payload__(attrs)
-  end
+  defp payload(module, attrs), do: payload_module!(module).__payload__(attrs)
 
   defp payload_module!(module) do
-    if is_atom(module) and (Compiler.payload?(module) or loads?(module)) do
+    if is_atom(module) and (Compiler.payload?(module) or loadable_payload?(module)) do
       module
     else
       raise ArgumentError,
-            "#{inspect(module)} is not a payload: a payload is a struct's module with `use BB.Message, schema: …`"
+            "expected a payload module, got: #{inspect(module)}; a payload module defines a " <>
+              "struct and calls `use BB.Message, schema: …`"
     end
   end
 
-  defp loads?(module), do: Code.ensure_loaded?(module) and Compiler.payload?(module)
+  defp loadable_payload?(module), do: Code.ensure_loaded?(module) and Compiler.payload?(module)
 end

@@ -2,12 +2,13 @@ defmodule BB.Options do
   alias BB.Options.{Docs, Schema, ValidationError}
 
   @moduledoc """
-  Checks keyword lists of options against a schema, and says exactly what is wrong with them.
+  Checks keyword lists of options against a schema, with errors that name the option and the value.
 
-  Schemas have the format of NimbleOptions, so a driver's schema reads as in any Elixir library:
+  Drivers, payloads and functions with options declare their schemas in this format, which is that of
+  NimbleOptions:
 
       iex> schema = BB.Options.new!(
-      ...>   bus: [type: :string, required: true, doc: "The bus's name."],
+      ...>   bus: [type: :string, required: true, doc: "The name of the bus."],
       ...>   rate: [type: {:or, [:pos_integer, :float]}, default: 100]
       ...> )
       iex> BB.Options.validate([bus: "i2c-1"], schema)
@@ -20,29 +21,34 @@ defmodule BB.Options do
 
   #{Docs.generate(Schema.of_schemas()[:*][:keys], [])}
 
-  The key `:*` in a schema describes each option that has no description of its own.
+  The key `:*` in a schema describes all options without an entry of their own.
 
   ## Types
 
-    * `:any`, `:atom`, `:boolean`, `:integer`, `:non_neg_integer`, `:pos_integer`, `:number`, `:pid`, `:reference`, `nil`
-    * `:float` - a float; an integer is refused, so that a unit mistake such as `1` for `0.001` is seen early
+    * `:any`, `:atom`, `:boolean`, `:integer`, `:non_neg_integer`, `:pos_integer`, `:number`,
+      `:pid`, `:reference`, `nil`
+    * `:float` - a float. Integers are refused, which shows mistakes of units such as `1` for `0.001`.
     * `:string` - a binary
-    * `:module` - an atom that can name a module: any but `nil`, `true` and `false`
+    * `:module` - an atom other than `nil`, `true` and `false`
     * `:timeout` - a non-negative integer or `:infinity`
-    * `:keyword_list`, `:non_empty_keyword_list`, `:map` - with `keys:` in the option, what is in it is checked too
-    * `:mfa` - `{module, function, args}`; `:mod_arg` - `{module, argument}`
-    * `{:behaviour, module}` - a module that can be loaded and declares that behaviour
-    * `{:custom, module, function, args}` - checked by `module.function(value, ...args)`, which returns `{:ok, value}`, with
-      which it may change the value, or `{:error, message}`
-    * `{:fun, arity}` - a function
+    * `:keyword_list`, `:non_empty_keyword_list`, `:map` - the key `keys:` of the option gives a
+      schema for the content
+    * `:mfa` - `{module, function, args}`
+    * `:mod_arg` - `{module, argument}`
+    * `{:behaviour, module}` - a module that can be loaded and declares this behaviour
+    * `{:custom, module, function, args}` - checked by `module.function(value, ...args)`, which
+      returns `{:ok, value}`, with the same or a changed value, or `{:error, message}`
+    * `{:fun, arity}` - a function of this arity
     * `{:in, choices}` - a member of a list, a range or another enumerable
-    * `{:list, type}` - a list of it
-    * `{:literal, value}` - exactly that value
-    * `{:map, key_type, value_type}` - a map
-    * `{:or, types}` - the first of the types that fits; here and in `:list`, `{:keyword_list, schema}` is a type
-    * `{:struct, module}` - a struct
-    * `{:tuple, types}` - a tuple with an element for each type
-    * `{:wrap_list, type}` - a list, or a single value, which becomes a list of one; `nil` becomes `[]`
+    * `{:list, type}` - a list with elements of this type
+    * `{:literal, value}` - exactly this value
+    * `{:map, key_type, value_type}` - a map with keys and values of these types
+    * `{:or, types}` - a value of one of these types; the first that fits is used. Here and in
+      `:list`, `{:keyword_list, schema}` is a type, too.
+    * `{:struct, module}` - a struct of this module
+    * `{:tuple, types}` - a tuple with one element for each type
+    * `{:wrap_list, type}` - a list, or a single value, which becomes a list of one element; `nil`
+      becomes `[]`
   """
 
   @enforce_keys [:schema]
@@ -54,9 +60,9 @@ defmodule BB.Options do
   @type schema :: keyword()
 
   @doc """
-  Checks a schema and wraps it, so that `validate/2` need not check it again.
+  Checks a schema and wraps it, so that `validate/2` does not check it again.
 
-  Raises `ArgumentError` for a schema that is wrong.
+  Raises `ArgumentError` for an invalid schema.
   """
   @spec new!(schema() | t()) :: t()
   def new!(%__MODULE__{} = schema), do: schema
@@ -72,17 +78,18 @@ defmodule BB.Options do
   end
 
   @doc """
-  Checks `options` against a schema: `{:ok, options}` with defaults filled in, or `{:error, error}`.
+  Checks options against a schema.
 
-  The error is a `BB.Options.ValidationError`. Of a key that is given twice the first value counts. Maps are checked like
-  keyword lists, and come back as maps. Anything else is an error too.
+  Returns `{:ok, options}` with defaults filled in, or `{:error, error}` with a
+  `BB.Options.ValidationError`. If a key occurs twice, its first value counts. Maps are checked like
+  keyword lists and returned as maps. Any other term is an error.
   """
   @spec validate(keyword() | map(), schema() | t()) ::
           {:ok, keyword() | map()} | {:error, ValidationError.t()}
   def validate(options, %__MODULE__{schema: schema}), do: Schema.validate(options, schema)
   def validate(options, schema), do: validate(options, new!(schema))
 
-  @doc "Like `validate/2`, but returns the options themselves or raises the error."
+  @doc "Checks options as `validate/2` does. Returns the options or raises the error."
   @spec validate!(keyword() | map(), schema() | t()) :: keyword() | map()
   def validate!(options, schema) do
     case validate(options, schema) do
@@ -92,12 +99,12 @@ defmodule BB.Options do
   end
 
   @doc """
-  The schema as a Markdown list, for a moduledoc.
+  Returns the schema as a Markdown list, for a moduledoc.
 
-      iex> BB.Options.docs(rate: [type: :pos_integer, default: 100, doc: "Samples a second."])
-      "  * `:rate` (`t:pos_integer/0`) - Samples a second. The default value is `100`.\\n\\n"
+      iex> BB.Options.docs(rate: [type: :pos_integer, default: 100, doc: "Samples per second."])
+      "  * `:rate` (`t:pos_integer/0`) - Samples per second. The default value is `100`.\\n\\n"
 
-  With `nest_level: n` the list is indented for a place inside another.
+  The option `nest_level: n` indents the list for a place inside another one.
   """
   @spec docs(schema() | t(), nest_level: non_neg_integer()) :: String.t()
   def docs(schema, opts \\ [])

@@ -10,9 +10,9 @@ defmodule BB.Path do
       iex> BB.Path.prefix?([:sensor], [:sensor, :base_link, :imu])
       true
 
-  A segment is an atom, or a reference in paths that no other process may guess. A path is below each
-  of its prefixes, and every path is below `[]`. It has at most 64 segments, because publishers and
-  subscribers look at each level. All functions are pure.
+  A segment is an atom, or a reference in paths that no other process may guess. A path is below
+  each of its prefixes, and every path is below `[]`. It has at most 64 segments, because
+  publishers and subscribers look at each level. All functions are pure.
   """
 
   @max_segments 64
@@ -92,8 +92,10 @@ defmodule BB.Path do
   @doc """
   Returns whether `path` is `prefix` or below it.
 
-      iex> {BB.Path.prefix?([:sensor], [:sensor, :imu]), BB.Path.prefix?([:sensor, :imu], [:sensor])}
-      {true, false}
+      iex> BB.Path.prefix?([:sensor], [:sensor, :imu])
+      true
+      iex> BB.Path.prefix?([:sensor, :imu], [:sensor])
+      false
   """
   @spec prefix?(t(), t()) :: boolean()
   def prefix?(prefix, path), do: List.starts_with?(path, prefix)

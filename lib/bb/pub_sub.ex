@@ -13,7 +13,7 @@ defmodule BB.PubSub do
       iex> BB.PubSub.publish(DocRobot, [:sensor, :base_link, :battery], message)
       :ok
       iex> receive do
-      ...>   {:bb, path, %BB.Message{robot: DocRobot, payload: payload}} -> {path, payload.voltage}
+      ...>   {:bb, path, %BB.Message{robot: DocRobot} = message} -> {path, message.payload.voltage}
       ...> end
       {[:sensor, :base_link, :battery], 11.8}
 
@@ -26,24 +26,24 @@ defmodule BB.PubSub do
 
   ## Guarantees
 
-    * No process stands between publishers and subscribers. Publishing runs in the publisher, which
-      sends to each subscriber itself. A slow subscriber delays no one, and a busy path delays no
-      other path.
+    * No process stands between publishers and subscribers. Publishing runs in the publisher,
+      which sends to each subscriber itself. A slow subscriber delays no one, and a busy path
+      delays no other path.
     * Messages of one publisher reach a subscriber in the order in which they were published, at
       whatever paths: `publish/4` has sent everything when it returns, and the VM keeps the order
       of signals between two processes. Messages of several publishers have no order.
     * Of one message, the subscribers at the path itself get their copies first, then those at its
       ancestors, nearest first. A process that subscribed twice, or at two levels, receives twice.
-    * A subscriber that dies is removed, and `subscribers/2` no longer lists it. Subscribers are not
-      linked to the bus: the end of one ends no other.
+    * A subscriber that dies is removed, and `subscribers/2` no longer lists it. Subscribers are
+      not linked to the bus: the end of one ends no other.
     * A publisher waits for no subscriber, with one exception: if the operating system suspends a
       subscriber's thread at the very moment of its replay, a publisher waits once, for at most a
       millisecond.
     * Subscriptions last as long as the robot. They survive the death of every process of the bus.
       A process that subscribes at that moment waits until the bus has restarted.
 
-  A message at a path without subscribers is lost, except on retained paths. A subscriber that never
-  reads its mailbox fills it, unless it subscribed with `max_queue`.
+  A message at a path without subscribers is lost, except on retained paths. A subscriber that
+  never reads its mailbox fills it, unless it subscribed with `max_queue`.
 
   The bus of a robot runs as long as the robot. Functions raise `ArgumentError` when the robot is
   not started.
@@ -58,33 +58,33 @@ defmodule BB.PubSub do
 
   The options of `subscribe/3` can be combined. They cost nothing for subscribers without them.
 
-    * A subscriber with `max_queue` that was skipped gets `{:bb_missed, path, count}` before its next
-      message: `count` messages for its subscription at `path` were dropped since the last one.
-      `missed/1` returns the sum at any time. A GenServer with this option needs a clause for that
-      message in `handle_info/2`. The limit is approximate: a publisher that finds room sends up to
-      an eighth of the limit before it looks again.
+    * A subscriber with `max_queue` that was skipped gets `{:bb_missed, path, count}` before its
+      next message: `count` messages for its subscription at `path` were dropped since the last
+      one. `missed/1` returns the sum at any time. A GenServer with this option needs a clause for
+      that message in `handle_info/2`. The limit is approximate: a publisher that finds room sends
+      up to an eighth of the limit before it looks again.
     * `unique` concerns the process: it gets one copy of a message that reaches its unique
       subscription, by the first of its subscriptions, from the path upwards, that takes the
       message.
     * `replay` sends the last message of each retained path, which is in the mailbox when
-      `subscribe/3` returns, then everything newer once and in order. The other options (type, rate,
-      mailbox) apply to replayed messages too.
+      `subscribe/3` returns, then everything newer once and in order. The other options (type,
+      rate, mailbox) apply to replayed messages too.
 
   ## Retained paths
 
   The bus keeps the last message of each path at and below `[:param]`, `[:state_machine]` and
-  `[:sensor_status]`, of sensors declared with `retain: true`, and of prefixes given to `retain/2`.
-  `last/2` returns it. One message is kept for each path, whatever its type. A robot has at most
-  1000 retained prefixes; prefixes below another one do not count.
+  `[:sensor_status]`, of sensors declared with `retain: true`, and of prefixes given to
+  `retain/2`. `last/2` returns it. One message is kept for each path, whatever its type. A robot
+  has at most 1000 retained prefixes; prefixes below another one do not count.
 
   ## Cost
 
   Publishing to no subscriber takes about as long as three or four function calls. Otherwise it
   takes little more than a `send/2` for each subscriber. Subscribers at other paths or for other
   types cost nothing (docs/performance.md). In these cases a publisher looks up the subscribers,
-  which takes some microseconds more: for some milliseconds after a subscription or its end, on the
-  first messages of a path, on transient paths (below), with more than 500 subscribers, and with an
-  option of `publish/4`.
+  which takes some microseconds more: for some milliseconds after a subscription or its end, on
+  the first messages of a path, on transient paths (below), with more than 500 subscribers, and
+  with an option of `publish/4`.
 
   Subscribing takes about ten microseconds, for the ten-thousandth subscriber of a path as for the
   first: memory and time are linear in the number of subscribers.
@@ -95,11 +95,11 @@ defmodule BB.PubSub do
 
     * A path has at most 64 segments (`BB.Path`). A longer one raises `ArgumentError`.
     * A *stream* is a path with one payload type. The first 4000 streams at paths of atoms are
-      remembered as long as the robot runs. Any other path is *transient*: it contains a reference,
-      or came later. The newest 1000 transient paths are remembered, and beside them the newest
-      1000 that are retained. When a path is forgotten, its last message is deleted, its count
-      restarts at 0, and a subscriber with `max_rate` gets its next message at once. The bus logs
-      once that it has begun to forget last messages.
+      remembered as long as the robot runs. Any other path is *transient*: it contains a
+      reference, or came later. The newest 1000 transient paths are remembered, and beside them
+      the newest 1000 that are retained. When a path is forgotten, its last message is deleted,
+      its count restarts at 0, and a subscriber with `max_rate` gets its next message at once. The
+      bus logs once that it has begun to forget last messages.
   """
 
   require BB.PubSub.Meter
@@ -149,8 +149,8 @@ defmodule BB.PubSub do
   @doc """
   Starts a robot's bus.
 
-  Its tables belong to the calling process, a supervisor. When the bus is killed and the supervisor
-  restarts it, all subscriptions are kept.
+  Its tables belong to the calling process, a supervisor. When the bus is killed and the
+  supervisor restarts it, all subscriptions are kept.
   """
   @spec start_link(module()) :: {:ok, pid()} | {:error, term()}
   def start_link(robot) when is_atom(robot),
@@ -317,7 +317,9 @@ defmodule BB.PubSub do
     end
   end
 
-  @doc "Returns the last message published at exactly this path if it is retained, otherwise `nil`."
+  @doc """
+  Returns the last message published at exactly this path if it is retained, otherwise `nil`.
+  """
   @spec last(module(), Path.t()) :: Message.t() | nil
   def last(robot, path), do: Retention.last(Bus.fetch!(robot), Path.validate!(path))
 
@@ -341,8 +343,8 @@ defmodule BB.PubSub do
       overdue
     * `age_ns` - the age of the last message
 
-  Rate and age are calculated from the messages' `monotonic_time`, the time of measurement. At most
-  6000 streams are remembered, see "Limits".
+  Rate and age are calculated from the messages' `monotonic_time`, the time of measurement. At
+  most 6000 streams are remembered, see "Limits".
   """
   @spec topics(module()) :: [Streams.topic()]
   def topics(robot),

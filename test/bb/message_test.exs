@@ -112,7 +112,7 @@ defmodule BB.MessageTest do
     end
 
     test "refuses a frame_id that is no atom" do
-      assert_raise ArgumentError, ~s(the frame_id of a message is an atom, got: "imu"), fn ->
+      assert_raise ArgumentError, ~s(expected an atom as frame_id, got: "imu"), fn ->
         Imu.new("imu", imu_attrs())
       end
     end
@@ -132,8 +132,13 @@ defmodule BB.MessageTest do
 
     test "refuses a module that is no payload" do
       for module <- [String, Vec3, NoSuchModule, "Imu"] do
-        assert_raise ArgumentError, ~r/is not a payload/, fn -> Message.new(module, :imu, []) end
-        assert_raise ArgumentError, ~r/is not a payload/, fn -> Message.schema(module) end
+        assert_raise ArgumentError, ~r/^expected a payload module, got: /, fn ->
+          Message.new(module, :imu, [])
+        end
+
+        assert_raise ArgumentError, ~r/^expected a payload module, got: /, fn ->
+          Message.schema(module)
+        end
       end
     end
 
@@ -161,7 +166,7 @@ defmodule BB.MessageTest do
 
     test "refuses keys that the struct does not have, when compiled" do
       assert_raise CompileError,
-                   ~r/the schema has \[:speed\], which the struct .* has not; its fields are \[:rate\]/,
+                   ~r/unknown fields \[:speed\] in the schema of .*, the fields of its struct are: \[:rate\]/,
                    fn ->
                      compile(
                        quote do
@@ -173,7 +178,7 @@ defmodule BB.MessageTest do
     end
 
     test "refuses to come before defstruct" do
-      assert_raise CompileError, ~r/comes after defstruct/, fn ->
+      assert_raise CompileError, ~r/put defstruct before use BB.Message/, fn ->
         compile(quote do: use(BB.Message, schema: []))
       end
     end
@@ -190,14 +195,16 @@ defmodule BB.MessageTest do
     end
 
     test "takes a schema and nothing else" do
-      assert_raise CompileError, ~r/takes schema: and nothing else, got: \[shema: \[\]\]/, fn ->
-        compile(
-          quote do
-            defstruct [:rate]
-            use BB.Message, shema: []
-          end
-        )
-      end
+      assert_raise CompileError,
+                   ~r/expected use BB.Message with schema: alone, got: \[shema: \[\]\]/,
+                   fn ->
+                     compile(
+                       quote do
+                         defstruct [:rate]
+                         use BB.Message, shema: []
+                       end
+                     )
+                   end
     end
 
     test "works with enforced keys" do

@@ -6,6 +6,7 @@ defmodule BB.OptionsTest do
   alias BB.Options.ValidationError
 
   doctest BB.Options
+  doctest BB.Options.ValidationError
 
   defmodule Greeter do
     @callback greet() :: String.t()
@@ -259,7 +260,7 @@ defmodule BB.OptionsTest do
           {[a: [required: 1]], ["invalid value for :required option: expected boolean, got: 1"]},
           {[a: :integer], ["invalid value for :a option: expected keyword list, got: :integer"]},
           {[a: [type: :integer, keys: []]],
-           ["only a :keyword_list", "the type of :a is :integer"]},
+           ["expected the type of :a to be :keyword_list", "got: :integer"]},
           {[a: [type: :keyword_list, keys: [b: [type: :no]]]],
            ["unknown type :no", "(in options [:b])"]},
           {:schema, ["invalid options: expected keyword list, got: :schema"]}

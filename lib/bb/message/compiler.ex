@@ -1,23 +1,27 @@
 defmodule BB.Message.Compiler do
   @moduledoc false
-  # Makes a payload's constructor from its schema: a function with an argument for each field, which takes the attributes one
-  # by one and then tests them all in one expression. What it cannot take or refuses goes to BB.Options, which has the last
-  # word and the words of the error.
+  # Compiles the constructor of a payload from its schema: a function with an argument for each
+  # field. It takes the attributes one by one and then tests them all in one expression. Attributes
+  # that it refuses go to BB.Options, which decides and words the error.
 
+  alias BB.Message.Compiler.TypeTest
   alias BB.Options
 
   @unset :"$unset"
 
-  @doc "The checked schema of `use BB.Message, schema: …`; anything wrong is a CompileError."
+  @doc "Returns the checked schema of `use BB.Message, schema: …`. Raises CompileError if it is wrong."
   def schema!(opts, env) do
     schema =
       case opts do
         [schema: schema] -> Options.new!(schema)
-        _ -> fail(env, "use BB.Message takes schema: and nothing else, got: #{inspect(opts)}")
+        _ -> fail(env, "expected use BB.Message with schema: alone, got: #{inspect(opts)}")
       end
 
     unless Module.defines?(env.module, {:__struct__, 0}) do
-      fail(env, "use BB.Message comes after defstruct, and #{inspect(env.module)} has none yet")
+      fail(
+        env,
+        "expected a struct in #{inspect(env.module)}, got: none; put defstruct before use BB.Message"
+      )
     end
 
     schema
@@ -27,11 +31,11 @@ defmodule BB.Message.Compiler do
 
   defmacro __before_compile__(env) do
     schema = Module.get_attribute(env.module, :bb_message_schema)
-    refuse_unknown_fields(schema, struct_fields(env), env)
+    check_fields(schema, struct_fields(env), env)
     {fields, helpers} = schema.schema |> Enum.map(&field/1) |> Enum.unzip()
 
     quote generated: true do
-      @doc "The schema of the payload."
+      @doc "Returns the schema of the payload."
       @spec schema() :: BB.Options.t()
       def schema, do: @bb_message_schema
 
@@ -61,7 +65,9 @@ defmodule BB.Message.Compiler do
   defp constructor do
     quote do
       @doc """
-      A message with this payload: `{:ok, message}` or `{:error, %BB.Options.ValidationError{}}`.
+      Creates a message with this payload.
+
+      Returns `{:ok, message}` or `{:error, %BB.Options.ValidationError{}}`. The attributes are:
 
       #{BB.Options.docs(@bb_message_schema)}
       """
@@ -76,7 +82,7 @@ defmodule BB.Message.Compiler do
     end
   end
 
-  @doc "The way through BB.Options, for what the compiled constructor does not take."
+  @doc "Creates a payload with the checks of BB.Options, from attributes that the constructor refuses."
   def validate(module, attrs) do
     with {:ok, attrs} <- Options.validate(attrs, module.schema()),
          do: {:ok, struct!(module, attrs)}
@@ -91,14 +97,14 @@ defmodule BB.Message.Compiler do
 
   defp fail(env, text), do: raise(CompileError, file: env.file, line: env.line, description: text)
 
-  # Macro.struct!/2 left its place to Macro.struct_info!/2 in Elixir 1.18.
+  # Macro.struct_info!/2 replaces Macro.struct!/2 since Elixir 1.18.
   defp struct_fields(env) do
     if function_exported?(Macro, :struct_info!, 2),
       do: Macro |> apply(:struct_info!, [env.module, env]) |> Enum.map(& &1.field),
       else: Macro |> apply(:struct!, [env.module, env]) |> Map.delete(:__struct__) |> Map.keys()
   end
 
-  defp refuse_unknown_fields(schema, fields, env) do
+  defp check_fields(schema, fields, env) do
     case Keyword.keys(schema.schema) -- fields do
       [] ->
         :ok
@@ -106,19 +112,21 @@ defmodule BB.Message.Compiler do
       keys ->
         fail(
           env,
-          "the schema has #{inspect(keys)}, which the struct of #{inspect(env.module)} has not; its fields are #{inspect(fields)}"
+          "unknown fields #{inspect(keys)} in the schema of #{inspect(env.module)}, " <>
+            "the fields of its struct are: #{inspect(fields)}"
         )
     end
   end
 
-  # What is known of one field: its argument, the test that its value must pass, how the value is changed, and the value itself.
+  # A field of the constructor: its argument, how a missing value is replaced, the check of the
+  # value, and the expression of the final value; with the helpers that the check calls.
   defp field({key, spec}) do
     var = Macro.var(key, __MODULE__.Field)
-    {test, helpers} = test_or_cast(key, spec, var)
-    {Map.merge(%{key: key, var: var}, finish(key, spec, var, test)), helpers}
+    {test, helpers} = check_or_cast(key, spec, var)
+    {Map.merge(%{key: key, var: var}, describe_field(key, spec, var, test)), helpers}
   end
 
-  defp test_or_cast(key, spec, var) do
+  defp check_or_cast(key, spec, var) do
     cond do
       spec[:keys] ->
         {{:cast,
@@ -131,7 +139,7 @@ defmodule BB.Message.Compiler do
               )
           )}, []}
 
-      test = test(spec[:type], var, [:bb_all, key]) ->
+      test = TypeTest.new(spec[:type], var, [:bb_all, key]) ->
         {expression, helpers} = test
         {{:test, expression}, helpers}
 
@@ -149,7 +157,7 @@ defmodule BB.Message.Compiler do
     quote do: BB.Options.Type.cast(unquote(Macro.escape(type)), unquote(var), unquote(key))
   end
 
-  defp finish(key, spec, var, check) do
+  defp describe_field(key, spec, var, check) do
     required? = spec[:required]
     default = Keyword.fetch(spec, :default)
 
@@ -196,7 +204,8 @@ defmodule BB.Message.Compiler do
 
   defp allow_unset(check, _var, _required?, _default), do: check
 
-  # The first value of a key counts, and is there when its argument is set: a second one is left to BB.Options.
+  # The first value of a key counts. A second one, whose argument is set already, is left to
+  # BB.Options.
   defp taking_clause(%{key: key}, fields) do
     rest = Macro.var(:rest, __MODULE__)
     value = Macro.var(:value, __MODULE__)
@@ -237,84 +246,5 @@ defmodule BB.Message.Compiler do
   defp with_steps(steps, result) do
     refused = quote(do: (_ -> :refused))
     {:with, [], steps ++ [[do: result, else: refused]]}
-  end
-
-  # An expression that is true for the values of a type, with the functions that it calls; nil where there is none.
-  defp test(:any, _var, _name), do: {true, []}
-  defp test(:float, var, _), do: {quote(do: is_float(unquote(var))), []}
-  defp test(:integer, var, _), do: {quote(do: is_integer(unquote(var))), []}
-  defp test(:number, var, _), do: {quote(do: is_number(unquote(var))), []}
-  defp test(:boolean, var, _), do: {quote(do: is_boolean(unquote(var))), []}
-  defp test(:string, var, _), do: {quote(do: is_binary(unquote(var))), []}
-  defp test(:atom, var, _), do: {quote(do: is_atom(unquote(var))), []}
-  defp test(:pid, var, _), do: {quote(do: is_pid(unquote(var))), []}
-  defp test(:reference, var, _), do: {quote(do: is_reference(unquote(var))), []}
-  defp test(nil, var, _), do: {quote(do: is_nil(unquote(var))), []}
-
-  defp test(:pos_integer, var, _),
-    do: {quote(do: is_integer(unquote(var)) and unquote(var) > 0), []}
-
-  defp test(:non_neg_integer, var, _),
-    do: {quote(do: is_integer(unquote(var)) and unquote(var) >= 0), []}
-
-  defp test({:literal, value}, var, _),
-    do: {quote(do: unquote(var) === unquote(Macro.escape(value))), []}
-
-  defp test({:in, choices}, var, _) when is_list(choices),
-    do: {quote(do: unquote(var) in unquote(Macro.escape(choices))), []}
-
-  defp test({:struct, module}, var, _),
-    do: {quote(do: is_struct(unquote(var), unquote(module))), []}
-
-  defp test({:or, types}, var, name),
-    do: join(types, fn _ -> var end, name, false, &quote(do: unquote(&1) or unquote(&2)))
-
-  defp test({:tuple, types}, var, name) do
-    element = &quote(do: elem(unquote(var), unquote(&1)))
-    both = &quote(do: unquote(&1) and unquote(&2))
-
-    with {elements, helpers} <- join(types, element, name, true, both) do
-      size =
-        quote(do: is_tuple(unquote(var)) and tuple_size(unquote(var)) == unquote(length(types)))
-
-      {both.(size, elements), helpers}
-    end
-  end
-
-  defp test({:list, type}, var, name) do
-    element = Macro.var(:element, __MODULE__)
-
-    with {test, helpers} <- test(type, element, name ++ [:each]) do
-      {call, helper} = all(name, element, test)
-      {quote(do: unquote(call)(unquote(var))), [helper | helpers]}
-    end
-  end
-
-  defp test(_type, _var, _name), do: nil
-
-  defp join([], _var, _name, empty, _operator), do: {empty, []}
-
-  defp join(types, var, name, _empty, operator) do
-    tests = for {type, i} <- Enum.with_index(types), do: test(type, var.(i), name ++ [i])
-
-    if Enum.all?(tests) do
-      {tests, helpers} = Enum.unzip(tests)
-      {Enum.reduce(tests, &operator.(&2, &1)), List.flatten(helpers)}
-    end
-  end
-
-  defp all(name, element, test) do
-    function = name |> Enum.join("_") |> String.to_atom()
-
-    helper =
-      quote generated: true do
-        defp unquote(function)([unquote(element) | rest]),
-          do: unquote(test) and unquote(function)(rest)
-
-        defp unquote(function)([]), do: true
-        defp unquote(function)(_), do: false
-      end
-
-    {function, helper}
   end
 end

@@ -1,6 +1,8 @@
 defmodule BB.Options.Docs do
   @moduledoc false
-  # A schema as a Markdown list.
+  # Formats a schema as a Markdown list.
+
+  alias BB.Options.SimpleType
 
   def generate(schema, opts),
     do: schema |> items(Keyword.get(opts, :nest_level, 0)) |> Enum.join()
@@ -13,7 +15,7 @@ defmodule BB.Options.Docs do
     indent = String.duplicate("  ", level)
 
     head =
-      ["#{indent}  * `#{inspect(key)}`", type_words(spec), description(spec, indent)]
+      ["#{indent}  * `#{inspect(key)}`", format_type(spec), description(spec, indent)]
       |> Enum.reject(&(&1 in [nil, ""]))
       |> Enum.join(" ")
 
@@ -39,7 +41,7 @@ defmodule BB.Options.Docs do
   defp join(nil, text), do: text
   defp join(text, nil), do: text
 
-  # After a text of several paragraphs the next sentence begins one of its own.
+  # After a text of several paragraphs the next sentence is a paragraph of its own.
   defp join(text, more),
     do: text <> if(String.contains?(text, "\n\n"), do: "\n\n", else: " ") <> more
 
@@ -48,46 +50,40 @@ defmodule BB.Options.Docs do
     Enum.join([first | Enum.map(rest, &if(&1 == "", do: "", else: indent <> &1))], "\n")
   end
 
-  defp type_words(spec) do
-    case Keyword.get_lazy(spec, :type_doc, fn -> words(spec[:type]) end) do
-      empty when empty in [nil, false] -> nil
-      words -> "(#{words})"
+  defp format_type(spec) do
+    case Keyword.get_lazy(spec, :type_doc, fn -> describe(spec[:type]) end) do
+      none when none in [nil, false] -> nil
+      text -> "(#{text})"
     end
   end
 
-  # Types that would not be short are left to the text.
-  defp words(:any), do: "`t:term/0`"
-  defp words(:string), do: "`t:String.t/0`"
-  defp words(:keyword_list), do: "`t:keyword/0`"
-  defp words({:keyword_list, _keys}), do: "`t:keyword/0`"
-  defp words(:non_empty_keyword_list), do: "non-empty `t:keyword/0`"
-  defp words({:non_empty_keyword_list, _keys}), do: "non-empty `t:keyword/0`"
-  defp words({:map, _keys}), do: "`t:map/0`"
-  defp words(type) when type in [nil, :mfa, :mod_arg], do: nil
-  defp words(type) when is_atom(type), do: "`t:#{type}/0`"
-  defp words({:fun, arity}), do: "function of arity #{arity}"
-  defp words({:struct, module}), do: "struct of type `#{inspect(module)}`"
-  defp words({:behaviour, module}), do: "module that implements `#{inspect(module)}`"
-  defp words({:literal, value}), do: "`#{inspect(value)}`"
+  # A type whose description would not be short has none: the option's text describes it.
+  defp describe(:keyword_list), do: "`t:keyword/0`"
+  defp describe({:keyword_list, _keys}), do: "`t:keyword/0`"
+  defp describe(:non_empty_keyword_list), do: "non-empty `t:keyword/0`"
+  defp describe({:non_empty_keyword_list, _keys}), do: "non-empty `t:keyword/0`"
+  defp describe(:map), do: "`t:map/0`"
+  defp describe({:map, _keys}), do: "`t:map/0`"
+  defp describe({:behaviour, module}), do: "module that implements `#{inspect(module)}`"
 
-  defp words({:list, type}) do
-    if words = words(type), do: "list of #{words}"
+  defp describe({:list, type}) do
+    if item = describe(type), do: "list of #{item}"
   end
 
-  defp words({:wrap_list, type}) do
-    if words = words(type), do: "one or a list of #{words}"
+  defp describe({:wrap_list, type}) do
+    if item = describe(type), do: "one or a list of #{item}"
   end
 
-  defp words({:map, key_type, value_type}) do
-    keys = words(key_type)
-    values = words(value_type)
+  defp describe({:map, key_type, value_type}) do
+    keys = describe(key_type)
+    values = describe(value_type)
     if keys && values, do: "map of #{keys} keys and #{values} values"
   end
 
-  defp words({:tuple, types}) do
-    words = Enum.map(types, &words/1)
-    if Enum.all?(words), do: "tuple of #{Enum.join(words, ", ")} values"
+  defp describe({:tuple, types}) do
+    elements = Enum.map(types, &describe/1)
+    if Enum.all?(elements), do: "tuple of #{Enum.join(elements, ", ")} values"
   end
 
-  defp words(_type), do: nil
+  defp describe(type), do: SimpleType.docs(type)
 end

@@ -1,10 +1,10 @@
 defmodule BB.Options.Schema do
   @moduledoc false
-  # A keyword list against a schema, level by level, and a schema against the schema of schemas.
+  # Checks options against a schema, level by level, and schemas against the schema of schemas.
 
   alias BB.Options.{Type, ValidationError}
 
-  @doc "The schema that each schema must fit."
+  @doc "Returns the schema of schemas."
   def of_schemas do
     [
       *: [
@@ -14,7 +14,7 @@ defmodule BB.Options.Schema do
             type: {:custom, Type, :check, []},
             default: :any,
             required: false,
-            doc: "What the value must be, one of the types."
+            doc: "The type of the value, one of the types below."
           ],
           required: [
             type: :boolean,
@@ -23,27 +23,27 @@ defmodule BB.Options.Schema do
           ],
           default: [
             type: :any,
-            doc: "The value of an option that is not given. It must fit the type as well."
+            doc: "The value of an option that is not given. It must be of the type, too."
           ],
           doc: [
             type: {:or, [:string, {:literal, false}]},
-            doc: "What `docs/1` says of it; `false` hides the option there."
+            doc: "The text for `docs/1`; `false` hides the option there."
           ],
           type_doc: [
             type: {:or, [:string, {:literal, false}]},
-            doc: "Words for the type in `docs/1`, instead of its own."
+            doc: "The type as `docs/1` shows it, in place of its usual form."
           ],
           keys: [
             type: {:custom, __MODULE__, :check_nested, []},
             doc:
-              "For `:keyword_list`, `:non_empty_keyword_list` and `:map`: the schema of what is in it."
+              "The schema of the content, for a `:keyword_list`, `:non_empty_keyword_list` or `:map`."
           ]
         ]
       ]
     ]
   end
 
-  @doc "A schema with the defaults of its own keys filled in, or the error that tells what is wrong with it."
+  @doc "Checks a schema. Returns it with the defaults of its own keys filled in, or an error."
   def check(schema) do
     with {:ok, schema} <- validate(schema, of_schemas()) do
       conflict = Enum.find(schema, fn {_, spec} -> spec[:keys] && not nests?(spec[:type]) end)
@@ -51,7 +51,7 @@ defmodule BB.Options.Schema do
     end
   end
 
-  @doc "The type of `keys:`, which is a schema again."
+  @doc "Checks the value of `keys:`, which is a schema too."
   def check_nested(keys) do
     case check(keys) do
       {:ok, keys} -> {:ok, keys}
@@ -59,7 +59,7 @@ defmodule BB.Options.Schema do
     end
   end
 
-  @doc "Options against a checked schema."
+  @doc "Checks options against a checked schema."
   def validate(options, schema) when is_map(options) and not is_struct(options) do
     with {:ok, list} <- validate(Enum.sort(options), schema), do: {:ok, Map.new(list)}
   end
@@ -68,7 +68,7 @@ defmodule BB.Options.Schema do
     if Keyword.keyword?(options) do
       schema = expand_star(schema, options)
 
-      with :ok <- refuse_unknown(options, schema) do
+      with :ok <- check_unknown(options, schema) do
         validate_each(schema, options, Keyword.keys(options))
       end
     else
@@ -76,7 +76,7 @@ defmodule BB.Options.Schema do
     end
   end
 
-  @doc "The same, for what stands inside the option `key`: its errors name the way there."
+  @doc "Checks the options inside the option `key`, which its errors name."
   def validate_nested(options, schema, key) do
     with {:error, error} <- validate(options, schema) do
       {:error, %{error | keys_path: [key | error.keys_path]}}
@@ -90,7 +90,7 @@ defmodule BB.Options.Schema do
     end
   end
 
-  defp refuse_unknown(options, schema) do
+  defp check_unknown(options, schema) do
     valid = Keyword.keys(schema)
 
     case Enum.uniq(Keyword.keys(options)) -- valid do
@@ -146,7 +146,7 @@ defmodule BB.Options.Schema do
     end
   end
 
-  # Of several values of a key the first counts.
+  # If a key occurs several times, its first value counts.
   defp put(options, key, value) do
     if Keyword.has_key?(options, key),
       do: Keyword.replace(options, key, value),
@@ -174,8 +174,8 @@ defmodule BB.Options.Schema do
       key: key,
       value: spec,
       message:
-        "invalid value for :keys option: only a :keyword_list, :non_empty_keyword_list or :map has keys, " <>
-          "and the type of #{inspect(key)} is #{inspect(spec[:type])}"
+        "invalid value for :keys option: expected the type of #{inspect(key)} to be " <>
+          ":keyword_list, :non_empty_keyword_list or :map, got: #{inspect(spec[:type])}"
     }
   end
 end

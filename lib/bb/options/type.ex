@@ -1,32 +1,13 @@
 defmodule BB.Options.Type do
   @moduledoc false
-  # One value against one type. An error is a sentence that begins with the option's name.
+  # Checks a value against a type, and a type itself. Errors are sentences that name the option.
 
-  alias BB.Options.Schema
+  alias BB.Options.{Schema, SimpleType}
 
-  @basic [
-    :any,
-    :atom,
-    :boolean,
-    :float,
-    :integer,
-    :keyword_list,
-    :map,
-    :mfa,
-    :mod_arg,
-    :module,
-    :non_empty_keyword_list,
-    :non_neg_integer,
-    :number,
-    :pid,
-    :pos_integer,
-    :reference,
-    :string,
-    :timeout,
-    nil
-  ]
+  @nesting [:keyword_list, :non_empty_keyword_list, :map]
+  @basic Enum.sort(SimpleType.types() ++ @nesting)
 
-  @parametrised [
+  @parameterized [
     "{:behaviour, module}",
     "{:custom, module, function, args}",
     "{:fun, arity}",
@@ -40,9 +21,10 @@ defmodule BB.Options.Type do
     "{:wrap_list, type}"
   ]
 
-  @nesting [:keyword_list, :non_empty_keyword_list, :map]
-
-  @doc "Whether `type` is a type: `{:ok, type}` with nested schemas completed, or `{:error, message}`."
+  @doc """
+  Checks a type. Returns `{:ok, type}` with the defaults of nested schemas filled in, or
+  `{:error, message}`.
+  """
   def check(type) when type in @basic, do: {:ok, type}
   def check({:in, choices}), do: {:ok, {:in, choices}}
   def check({:literal, value}), do: {:ok, {:literal, value}}
@@ -66,7 +48,7 @@ defmodule BB.Options.Type do
   end
 
   def check(type) do
-    known = Enum.join(Enum.map(@basic, &inspect/1) ++ @parametrised, ", ")
+    known = Enum.join(Enum.map(@basic, &inspect/1) ++ @parameterized, ", ")
     {:error, "unknown type #{inspect(type)}.\n\nAvailable types: #{known}"}
   end
 
@@ -101,40 +83,23 @@ defmodule BB.Options.Type do
     do: "invalid subtype given to #{inspect(name)} type: #{reason}"
 
   @doc """
-  The value as `type` wants it, or a sentence about the option `key` that it does not fit.
+  Checks a value. Returns `{:ok, value}`, changed if the type changes values, or `{:error, message}`
+  with the option `key` in the message.
   """
   def cast(type, value, key)
 
-  def cast(:any, value, _key), do: {:ok, value}
-  def cast(:float, value, _key) when is_float(value), do: {:ok, value}
-  def cast(:integer, value, _key) when is_integer(value), do: {:ok, value}
-  def cast(:number, value, _key) when is_number(value), do: {:ok, value}
-  def cast(:boolean, value, _key) when is_boolean(value), do: {:ok, value}
-  def cast(:string, value, _key) when is_binary(value), do: {:ok, value}
-  def cast(:atom, value, _key) when is_atom(value), do: {:ok, value}
-  def cast(:pid, value, _key) when is_pid(value), do: {:ok, value}
-  def cast(:reference, value, _key) when is_reference(value), do: {:ok, value}
-  def cast(:timeout, :infinity, _key), do: {:ok, :infinity}
-  def cast(nil, nil, _key), do: {:ok, nil}
+  @value Macro.var(:value, nil)
 
-  def cast(:pos_integer, value, _key) when is_integer(value) and value > 0, do: {:ok, value}
-
-  def cast(type, value, _key)
-      when type in [:non_neg_integer, :timeout] and is_integer(value) and value >= 0,
+  for type <- SimpleType.types() do
+    def cast(unquote(type), value, _key) when unquote(SimpleType.test(type, @value)),
       do: {:ok, value}
+  end
 
-  def cast(:module, value, _key)
-      when is_atom(value) and value not in [nil, true, false],
-      do: {:ok, value}
-
-  def cast(:mfa, {m, f, a} = value, _key) when is_atom(m) and is_atom(f) and is_list(a),
-    do: {:ok, value}
-
-  def cast(:mod_arg, {m, _} = value, _key) when is_atom(m), do: {:ok, value}
-  def cast({:fun, arity}, value, _key) when is_function(value, arity), do: {:ok, value}
-  def cast({:literal, literal}, value, _key) when literal === value, do: {:ok, value}
-
-  def cast({:struct, module}, value, _key) when is_struct(value, module), do: {:ok, value}
+  for name <- [:fun, :literal, :struct], parameter = Macro.var(:parameter, nil) do
+    def cast({unquote(name), parameter}, value, _key)
+        when unquote(SimpleType.test({name, parameter}, @value)),
+        do: {:ok, value}
+  end
 
   def cast(:keyword_list = type, value, key) do
     if Keyword.keyword?(value), do: {:ok, value}, else: unexpected(type, value, key)
@@ -289,7 +254,8 @@ defmodule BB.Options.Type do
     {:arity, got} = Function.info(value, :arity)
 
     {:error,
-     "invalid value for #{name(key)}: expected function of arity #{arity}, got: function of arity #{got}"}
+     "invalid value for #{name(key)}: expected #{SimpleType.expected({:fun, arity})}, " <>
+       "got: function of arity #{got}"}
   end
 
   defp unexpected(type, value, key),
@@ -297,27 +263,18 @@ defmodule BB.Options.Type do
       {:error,
        "invalid value for #{name(key)}: expected #{expected(type, value)}, got: #{inspect(value)}"}
 
-  defp expected(:non_neg_integer, _), do: "non negative integer"
-  defp expected(:pos_integer, _), do: "positive integer"
   defp expected(:keyword_list, _), do: "keyword list"
   defp expected(:non_empty_keyword_list, _), do: "non-empty keyword list"
-  defp expected(:timeout, _), do: "non-negative integer or :infinity"
-  defp expected(:mfa, _), do: "tuple {mod, fun, args}"
-  defp expected(:mod_arg, _), do: "tuple {mod, arg}"
-  defp expected(nil, _), do: "nil"
-  defp expected(type, _) when is_atom(type), do: Atom.to_string(type)
-  defp expected({:in, choices}, _), do: "one of #{inspect(choices)}"
-  defp expected({:literal, value}, _), do: inspect(value)
-  defp expected({:struct, module}, _), do: inspect(module)
   defp expected({:behaviour, module}, _), do: "module that implements #{inspect(module)}"
-  defp expected({:fun, arity}, _), do: "function of arity #{arity}"
   defp expected({:list, _}, _), do: "list"
+  defp expected(:map, _), do: "map"
   defp expected({:map, _, _}, _), do: "map"
 
   defp expected({:tuple, types}, value) when is_tuple(value),
     do: "tuple with #{length(types)} elements"
 
   defp expected({:tuple, _}, _), do: "tuple"
+  defp expected(type, _), do: SimpleType.expected(type)
 
   defp name({:list, index}), do: "list element at position #{index}"
   defp name({:tuple, index}), do: "tuple element at position #{index}"

@@ -1,13 +1,22 @@
 defmodule BB.Options.ValidationError do
   @moduledoc """
-  Options that do not fit their schema, returned by `BB.Options.validate/2`.
+  The error that `BB.Options.validate/2` returns for options that do not fit their schema.
 
-  It is an exception, so it can be raised as it is, or turned into a sentence by `Exception.message/1`. For options inside
-  options the sentence ends with the keys that lead to the place: ` (in options [:filter])`.
+  It is an exception: raise it, or turn it into text with `Exception.message/1`. For options inside
+  options, the text ends with the keys that lead to them.
 
-    * `:message` - what is wrong, without that ending
-    * `:key` - the option, or the list of options that are unknown
-    * `:value` - what was given for it; `nil` when nothing was
+      iex> schema = [filter: [type: :keyword_list, keys: [size: [type: :integer]]]]
+      iex> {:error, error} = BB.Options.validate([filter: [size: 1.0]], schema)
+      iex> {error.key, error.value, error.keys_path}
+      {:size, 1.0, [:filter]}
+      iex> Exception.message(error)
+      "invalid value for :size option: expected integer, got: 1.0 (in options [:filter])"
+
+  The fields are:
+
+    * `:message` - the text without the keys at its end
+    * `:key` - the option, or the list of unknown options
+    * `:value` - the value given for it, or `nil` if there was none
     * `:keys_path` - the keys that lead to a nested option, outermost first
   """
 

@@ -1,11 +1,12 @@
 defmodule BB.PubSub.Cells do
   @moduledoc """
-  The cells of a bus: the state that a subscription has at one path (`BB.PubSub.SubscriptionState`).
+  The cells of a bus: the state that a subscription has at one path
+  (`BB.PubSub.SubscriptionState`).
 
   `BB.PubSub.Delivery` and `BB.PubSub.Retention` look them up. A subscription has a cell at each
-  path of which it got a message while it had `max_rate`, or `replay` on a retained path. Cells are
-  rows `{{subscription_id, path}, cell}` of the bus's table `cells`, removed with the subscription
-  or when a transient path is forgotten.
+  path of which it got a message while it had `max_rate`, or `replay` on a retained path. Cells
+  are rows `{{subscription_id, path}, cell}` of the bus's table `cells`, removed with the
+  subscription or when a transient path is forgotten.
 
       Cells.find(bus, subscription, path, Bus.retained?(bus, path))
   """
@@ -13,14 +14,20 @@ defmodule BB.PubSub.Cells do
   alias BB.Path
   alias BB.PubSub.{Bus, Subscription, Subscriptions, SubscriptionState, TransientPaths}
 
-  @doc "Returns the subscription's cell at the path, or `nil` if none of its options needs one there."
+  @doc """
+  Returns the subscription's cell at the path, or `nil` if none of its options needs one there.
+  """
   @spec find(Bus.t(), Subscription.t(), Path.t(), boolean()) :: SubscriptionState.cell() | nil
   def find(bus, subscription, path, retained?) do
     if subscription.period_ns != nil or (subscription.replay and retained?),
       do: fetch(bus, subscription, path)
   end
 
-  @doc "Returns the subscription's cell at the path, a new one if there is none. Every caller gets the same one."
+  @doc """
+  Returns the subscription's cell at the path, a new one if there is none.
+
+  Every caller gets the same one.
+  """
   @spec fetch(Bus.t(), Subscription.t(), Path.t()) :: SubscriptionState.cell()
   def fetch(bus, %{id: id} = subscription, path) do
     case :ets.lookup(bus.cells, {id, path}) do

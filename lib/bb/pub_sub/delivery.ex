@@ -2,8 +2,8 @@ defmodule BB.PubSub.Delivery do
   @moduledoc """
   Sends a message to the targets of its route, in the publisher's process.
 
-  `BB.PubSub.publish/4` uses it for every message. A target is a pid, which gets a plain `send/2`, or
-  a pid with the admissions of its subscriptions that have conditions:
+  `BB.PubSub.publish/4` uses it for every message. A target is a pid, which gets a plain `send/2`,
+  or a pid with the admissions of its subscriptions that have conditions:
 
       Delivery.deliver(targets, {:bb, path, message}, stamp)
   """
@@ -66,11 +66,11 @@ defmodule BB.PubSub.Delivery do
   @doc """
   Sends the delivery to the subscribers that the tables list, except to the pids in `except`.
 
-  This is for publishers without a route or with an option. It counts deliveries where the meter of
-  the stream does not show them.
+  This is for publishers without a route or with an option. It counts deliveries where the meter
+  of the stream does not show them.
   """
-  @spec unrouted(Bus.t(), {Path.t(), module(), Streams.class()}, [pid()], term(), Replay.stamp()) ::
-          :ok
+  @spec unrouted(Bus.t(), stream, [pid()], term(), Replay.stamp()) :: :ok
+        when stream: {Path.t(), module(), Streams.class()}
   def unrouted(bus, {path, type, class}, except, delivery, stamp) do
     {steps, filtered} = Plan.new(Subscriptions.reaching(bus, path), type)
     retained? = Bus.retained?(bus, path)

@@ -3,8 +3,8 @@ defmodule BB.PubSub.Meter do
   Counts the messages of one stream, a path with a payload type, at two atomic operations a
   message.
 
-  A meter holds the number of messages, the times of the last sixteen, and the version of the route
-  that publishers may use. `BB.PubSub.Streams` keeps the meters.
+  A meter holds the number of messages, the times of the last sixteen, and the version of the
+  route that publishers may use. `BB.PubSub.Streams` keeps the meters.
 
       word = Meter.tick(meter, message.monotonic_time)
       Meter.current?(word, version)
@@ -22,8 +22,8 @@ defmodule BB.PubSub.Meter do
 
   @times 16
 
-  # A word has 64 bits, of which the VM stores 60 without a heap allocation: a sign, 14 bits of the
-  # version, 44 bits for 17 million million messages.
+  # A word has 64 bits, of which the VM stores 60 without a heap allocation: a sign, 14 bits of
+  # the version, 44 bits for 17 million million messages.
   @count_bits 44
   @version 1 <<< @count_bits
   @versions 1 <<< 14
@@ -89,8 +89,8 @@ defmodule BB.PubSub.Meter do
   defp time(meter, number), do: :atomics.get(meter, 2 + (number &&& @times - 1))
 
   @doc """
-  Returns the rate in Hz of messages with these times, newest first. It falls once the next message
-  is overdue.
+  Returns the rate in Hz of messages with these times, newest first. It falls once the next
+  message is overdue.
 
       iex> BB.PubSub.Meter.rate_hz([3_000_000, 2_000_000, 1_000_000], 3_000_000)
       1000.0

@@ -3,8 +3,8 @@ defmodule BB.PubSub.Plan do
   Works out which processes get a message, and by which of their subscriptions. All functions are
   pure.
 
-  `BB.PubSub.Delivery` and `BB.PubSub.Registrar` turn a plan into sends, `BB.PubSub.Statistics` into
-  numbers:
+  `BB.PubSub.Delivery` and `BB.PubSub.Registrar` turn a plan into sends, `BB.PubSub.Statistics`
+  into numbers:
 
       {steps, filtered} = Plan.new(Subscriptions.reaching(bus, path), type)
   """

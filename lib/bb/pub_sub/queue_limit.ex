@@ -69,7 +69,10 @@ defmodule BB.PubSub.QueueLimit do
     false
   end
 
-  @doc "Sends `{:bb_missed, path, count}` to the subscriber if messages were missed since the last such report."
+  @doc """
+  Sends `{:bb_missed, path, count}` to the subscriber if messages were missed since the last such
+  report.
+  """
   @spec report_missed(SubscriptionState.counters(), pid(), Path.t()) :: :ok
   def report_missed(counters, pid, path) do
     unreported = SubscriptionState.counter(:unreported)

@@ -2,8 +2,8 @@ defmodule BB.PubSub.Registrar do
   @moduledoc """
   The process that writes the subscriptions of a bus, and the routes that publishers read.
 
-  `BB.PubSub` calls it to subscribe, to unsubscribe and to retain a prefix. No message passes through
-  it. It answers a subscriber when no publisher can miss it any more:
+  `BB.PubSub` calls it to subscribe, to unsubscribe and to retain a prefix. No message passes
+  through it. It answers a subscriber when no publisher can miss it any more:
 
     1. It outdates the routes of all streams that the subscription reaches, by raising a number in
        their meters (`BB.PubSub.Meter`). From then on publishers look up the subscriptions.
@@ -83,7 +83,11 @@ defmodule BB.PubSub.Registrar do
   @spec subscribe(Bus.t(), Subscription.t()) :: {:ok, pid()}
   def subscribe(bus, subscription), do: call(bus, {:subscribe, subscription})
 
-  @doc "Removes the subscriptions of a process at a path. Returns `:ok` also if the bus has ended."
+  @doc """
+  Removes the subscriptions of a process at a path.
+
+  Returns `:ok` also if the bus has ended.
+  """
   @spec unsubscribe(Bus.t(), pid(), Path.t()) :: :ok
   def unsubscribe(bus, pid, path) do
     call(bus, {:unsubscribe, pid, path})

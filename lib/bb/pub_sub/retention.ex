@@ -2,7 +2,8 @@ defmodule BB.PubSub.Retention do
   @moduledoc """
   Keeps the last message of each retained path, and replays it to late subscribers.
 
-  `BB.PubSub.publish/4` keeps messages here; `BB.PubSub.last/2` and `BB.PubSub.subscribe/3` read them:
+  `BB.PubSub.publish/4` keeps messages here; `BB.PubSub.last/2` and `BB.PubSub.subscribe/3` read
+  them:
 
       stamp = Retention.keep(bus, path, message)
       Retention.last(bus, path)
@@ -27,7 +28,11 @@ defmodule BB.PubSub.Retention do
     TransientPaths
   }
 
-  @doc "Returns the counter that numbers the messages of a retained path. Every caller gets the same one."
+  @doc """
+  Returns the counter that numbers the messages of a retained path.
+
+  Every caller gets the same one.
+  """
   @spec sequence(Bus.t(), Path.t()) :: Replay.sequence()
   def sequence(bus, path) do
     new = :atomics.new(1, [])
@@ -52,7 +57,9 @@ defmodule BB.PubSub.Retention do
     stamp
   end
 
-  @doc "Keeps the message as `keep/3` does, for a permanent path whose sequence the publisher has."
+  @doc """
+  Keeps the message as `keep/3` does, for a permanent path whose sequence the publisher has.
+  """
   @spec keep(Bus.t(), Path.t(), Message.t(), Replay.sequence()) :: Replay.stamp()
   def keep(bus, path, message, sequence) do
     number = :atomics.add_get(sequence, 1, 1)
@@ -123,7 +130,8 @@ defmodule BB.PubSub.Retention do
     end
   end
 
-  # With `unique`, another subscription of the process may have replayed this message or a newer one.
+  # With `unique`, another subscription of the process may have replayed this message or a newer
+  # one.
   defp replayed_before?(bus, subscription, path) do
     Enum.any?(Subscriptions.of(bus, subscription.pid), fn other ->
       other.id != subscription.id and other.replay and

@@ -2,15 +2,16 @@ defmodule BB.PubSub.Routes do
   @few 8
 
   @moduledoc """
-  The routes of a bus: for each stream, the processes that get its messages. All functions are pure.
+  The routes of a bus: for each stream, the processes that get its messages. All functions are
+  pure.
 
   `BB.PubSub.Registrar` makes routes when subscriptions change, and publishers look theirs up:
 
       Routes.find(routes, [:sensor, :base_link, :imu], BB.Message.Sensor.Imu)
 
   A lookup touches little memory. The last segment of a path distinguishes most paths; it is the
-  key of a map whose values are the few routes of paths that end in it. More than #{@few} such routes
-  become a map of their own.
+  key of a map whose values are the few routes of paths that end in it. More than #{@few} such
+  routes become a map of their own.
   """
 
   alias BB.Path

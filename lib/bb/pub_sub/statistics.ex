@@ -2,14 +2,14 @@ defmodule BB.PubSub.Statistics do
   @moduledoc """
   Works out how many messages each subscription got, without counting each delivery.
 
-  `BB.PubSub.stats/1` reads the result, and `BB.PubSub.Registrar` keeps it right while subscriptions
-  change:
+  `BB.PubSub.stats/1` reads the result, and `BB.PubSub.Registrar` keeps it right while
+  subscriptions change:
 
       Statistics.rows(bus)
 
   A subscription without conditions gets every message of the permanent streams that reach it. Its
-  *share* of their counts is what it has got, and nothing needs to be counted for it while messages
-  are published. Its own counters correct the share: by the messages published before it
+  *share* of their counts is what it has got, and nothing needs to be counted for it while
+  messages are published. Its own counters correct the share: by the messages published before it
   subscribed, and by those withheld from it with `except`. On transient paths each subscription
   counts for itself, so that forgetting a path changes no figure.
   """

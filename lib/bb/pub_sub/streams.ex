@@ -7,8 +7,8 @@ defmodule BB.PubSub.Streams do
 
       {class, meter} = Streams.fetch(bus, [:sensor, :base_link, :imu], BB.Message.Sensor.Imu)
 
-  The meters of permanent paths are rows `{{path, type}, meter}` of the table `streams`, the others
-  of `transient` (`BB.PubSub.TransientPaths`).
+  The meters of permanent paths are rows `{{path, type}, meter}` of the table `streams`, the
+  others of `transient` (`BB.PubSub.TransientPaths`).
   """
 
   alias BB.Path

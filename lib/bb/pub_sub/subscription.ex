@@ -8,9 +8,9 @@ defmodule BB.PubSub.Subscription do
       Subscription.reaches?(subscription, [:sensor, :base_link, :imu])
       #=> true
 
-  A subscription is *conditional* when only publishing decides whether it gets a message, because of
-  `max_rate`, `max_queue` or `replay` (`BB.PubSub.Admission`). Options that are not given cost a
-  publisher nothing.
+  A subscription is *conditional* when only publishing decides whether it gets a message, because
+  of `max_rate`, `max_queue` or `replay` (`BB.PubSub.Admission`). Options that are not given cost
+  a publisher nothing.
   """
 
   alias BB.{Options, Path}
@@ -47,13 +47,11 @@ defmodule BB.PubSub.Subscription do
             message_types: [
               type: {:list, :module},
               default: [],
-              doc:
-                "Payload modules. Delivers only messages with one of these payloads; `[]` delivers all."
+              doc: "Payload modules. Delivers only messages with one of these; `[]` delivers all."
             ],
             max_rate: [
               type: {:or, [:pos_integer, {:custom, __MODULE__, :check_rate, []}]},
-              doc:
-                "The most messages delivered per second (Hz) of each path; the others are dropped."
+              doc: "The most messages per second (Hz) of each path; the others are dropped."
             ],
             replay: [
               type: :boolean,
@@ -81,7 +79,11 @@ defmodule BB.PubSub.Subscription do
   @spec schema() :: Options.t()
   def schema, do: @schema
 
-  @doc "Creates a subscription of the calling process. Raises `ArgumentError` for an invalid path or option."
+  @doc """
+  Creates a subscription of the calling process.
+
+  Raises `ArgumentError` for an invalid path or option.
+  """
   @spec new(Path.t(), keyword()) :: t()
   def new(path, opts) do
     opts = check!(opts)

@@ -63,7 +63,11 @@ defmodule BB.PubSub.SubscriptionState do
      :atomics.get(counters, counter(:filtered))}
   end
 
-  @doc "Adds to the messages delivered and to the messages filtered. Either number may be negative."
+  @doc """
+  Adds to the messages delivered and to the messages filtered.
+
+  Either number may be negative.
+  """
   @spec add(counters(), {integer(), integer()}) :: :ok
   def add(counters, {delivered, filtered}) do
     if delivered != 0, do: :atomics.add(counters, counter(:delivered), delivered)

@@ -2,8 +2,8 @@ defmodule BB.PubSub.Subscriptions do
   @moduledoc """
   All subscriptions of a bus, by path and by process.
 
-  `BB.PubSub.Registrar` writes them. Publishers without a route read them, as do the functions that
-  list subscribers:
+  `BB.PubSub.Registrar` writes them. Publishers without a route read them, as do the functions
+  that list subscribers:
 
       Subscriptions.reaching(bus, [:sensor, :base_link, :imu])
 
@@ -51,7 +51,9 @@ defmodule BB.PubSub.Subscriptions do
     for {{_path, _page}, list} <- :ets.tab2list(bus.subscriptions), one <- list, do: one
   end
 
-  @doc "Returns the subscriptions of a process: longer paths first, and oldest first at each path."
+  @doc """
+  Returns the subscriptions of a process: longer paths first, and oldest first at each path.
+  """
   @spec of(Bus.t(), pid()) :: [Subscription.t()]
   def of(bus, pid) do
     mine =

@@ -8,17 +8,17 @@ defmodule BB.PubSub.TransientPaths do
 
   A path is *permanent* when it consists of atoms and belongs to one of the first
   #{@most_permanent} streams of its robot: its meters, cells and last message are kept as long as
-  the robot runs. Any other path is *transient*: it contains a reference, or comes after those. The
-  newest #{@most_transient} transient paths are remembered, and beside them the newest
-  #{@most_transient} of those on which messages are retained. When a path is forgotten, its meters,
-  cells and last message are deleted; if it is published again, it starts anew.
+  the robot runs. Any other path is *transient*: it contains a reference, or comes after those.
+  The newest #{@most_transient} transient paths are remembered, and beside them the newest
+  #{@most_transient} of those on which messages are retained. When a path is forgotten, its
+  meters, cells and last message are deleted; if it is published again, it starts anew.
 
   `BB.PubSub.Streams` remembers a path on its first message:
 
       if TransientPaths.permanent?(bus, path), do: :ok, else: TransientPaths.remember(bus, path)
 
-  The publishers do this themselves, without a process. Each new path takes the next slot of a ring
-  and forgets the path that was in it. The rows of the table `transient`:
+  The publishers do this themselves, without a process. Each new path takes the next slot of a
+  ring and forgets the path that was in it. The rows of the table `transient`:
 
     * `{{path, 0}, ring}` and `{slot, path}` - the rings, from either side
     * `{{:count, ring}, count}` - how many slots were taken so far
