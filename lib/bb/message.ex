@@ -5,17 +5,18 @@ defmodule BB.Message do
   Create messages with `new/4`, and publish them with `BB.PubSub.publish/4`. Every message that a
   subscriber receives is one of these structs:
 
-      iex> {:ok, message} = BB.Message.new(BB.Message.Sensor.Range, :front,
-      ...>   radiation_type: :infrared, field_of_view: 0.1, min_range: 0.02, max_range: 1.5, range: 0.4)
-      iex> {message.frame_id, message.payload.range, message.robot}
-      {:front, 0.4, nil}
+      iex> fields = [voltage: 7.4, current: -0.2]
+      iex> {:ok, message} = BB.Message.new(BB.Message.Sensor.PowerState, :battery, fields)
+      iex> {message.frame_id, message.payload.voltage, message.robot}
+      {:battery, 7.4, nil}
 
   The fields are:
 
     * `payload` - what was measured, a struct of a payload module
     * `frame_id` - the coordinate frame or the part in which it was measured
     * `monotonic_time`, `wall_time` - the Erlang monotonic time and the system time of the
-      measurement, in nanoseconds. Compare and subtract monotonic times; show and store wall times.
+      measurement, in nanoseconds. Compare and subtract monotonic times; show and store wall
+      times.
     * `node` - the node that created the message
     * `robot` - the robot on whose bus it was published, `nil` until then
 
@@ -37,12 +38,13 @@ defmodule BB.Message do
   It defines:
 
     * `schema/0` - returns the schema
-    * `new(frame_id, attrs)` - returns `{:ok, message}` or `{:error, %BB.Options.ValidationError{}}`.
-      Its code is generated for this schema when the module is compiled, so a message is checked
-      without walking the schema. Attributes that it refuses go to `BB.Options.validate/2`, which
-      returns the reason.
+    * `new(frame_id, attrs)` - returns `{:ok, message}` or
+      `{:error, %BB.Options.ValidationError{}}`. Its code is generated for this schema when the
+      module is compiled, so a message is checked without walking the schema. Attributes that it
+      refuses go to `BB.Options.validate/2`, which returns the reason.
 
-  A module that defines a `new/2` of its own keeps it, and reaches the checks by `BB.Message.new/3`.
+  A module that defines a `new/2` of its own keeps it, and reaches the checks by
+  `BB.Message.new/3`.
 
   A key of the schema that is not a field of the struct raises `CompileError`. A `:float` field
   refuses integers: a driver that publishes `1` instead of `1.0` has likely forgotten to scale.
@@ -83,8 +85,8 @@ defmodule BB.Message do
   @doc """
   Creates a message.
 
-  Returns `{:ok, message}` or `{:error, %BB.Options.ValidationError{}}`. Raises `ArgumentError` when
-  `module` is not a payload module.
+  Returns `{:ok, message}` or `{:error, %BB.Options.ValidationError{}}`. Raises `ArgumentError`
+  when `module` is not a payload module.
 
   Give `times` for a measurement that was made earlier, for example by the clock of a camera or a
   chip. One of the two times is enough:
@@ -138,8 +140,8 @@ defmodule BB.Message do
 
       _ ->
         raise ArgumentError,
-              "expected :monotonic_time and :wall_time, integers in nanoseconds, as the times of " <>
-                "a message, got: #{inspect(times)}"
+              "expected :monotonic_time and :wall_time, integers in nanoseconds, as the " <>
+                "times of a message, got: #{inspect(times)}"
     end
   end
 

@@ -2,10 +2,11 @@ defmodule BB.Options do
   alias BB.Options.{Docs, Schema, ValidationError}
 
   @moduledoc """
-  Checks keyword lists of options against a schema, with errors that name the option and the value.
+  Checks keyword lists of options against a schema, with errors that name the option and the
+  value.
 
-  Drivers, payloads and functions with options declare their schemas in this format, which is that of
-  NimbleOptions:
+  Drivers, payloads and functions with options declare their schemas in this format, which is that
+  of NimbleOptions:
 
       iex> schema = BB.Options.new!(
       ...>   bus: [type: :string, required: true, doc: "The name of the bus."],
@@ -27,7 +28,8 @@ defmodule BB.Options do
 
     * `:any`, `:atom`, `:boolean`, `:integer`, `:non_neg_integer`, `:pos_integer`, `:number`,
       `:pid`, `:reference`, `nil`
-    * `:float` - a float. Integers are refused, which shows mistakes of units such as `1` for `0.001`.
+    * `:float` - a float. Integers are refused, which shows mistakes of units such as `1` for
+      `0.001`.
     * `:string` - a binary
     * `:module` - an atom other than `nil`, `true` and `false`
     * `:timeout` - a non-negative integer or `:infinity`
@@ -81,8 +83,8 @@ defmodule BB.Options do
   Checks options against a schema.
 
   Returns `{:ok, options}` with defaults filled in, or `{:error, error}` with a
-  `BB.Options.ValidationError`. If a key occurs twice, its first value counts. Maps are checked like
-  keyword lists and returned as maps. Any other term is an error.
+  `BB.Options.ValidationError`. If a key occurs twice, its first value counts. Maps are checked
+  like keyword lists and returned as maps. Any other term is an error.
   """
   @spec validate(keyword() | map(), schema() | t()) ::
           {:ok, keyword() | map()} | {:error, ValidationError.t()}

@@ -1,15 +1,19 @@
 defmodule BB.Message.Compiler do
   @moduledoc false
   # Compiles the constructor of a payload from its schema: a function with an argument for each
-  # field. It takes the attributes one by one and then tests them all in one expression. Attributes
-  # that it refuses go to BB.Options, which decides and words the error.
+  # field. It takes the attributes one by one and then tests them all in one expression.
+  # Attributes that it refuses go to BB.Options, which decides and words the error.
 
   alias BB.Message.Compiler.TypeTest
   alias BB.Options
 
   @unset :"$unset"
 
-  @doc "Returns the checked schema of `use BB.Message, schema: …`. Raises CompileError if it is wrong."
+  @doc """
+  Returns the checked schema of `use BB.Message, schema: …`.
+
+  Raises CompileError if it is wrong.
+  """
   def schema!(opts, env) do
     schema =
       case opts do
@@ -20,7 +24,7 @@ defmodule BB.Message.Compiler do
     unless Module.defines?(env.module, {:__struct__, 0}) do
       fail(
         env,
-        "expected a struct in #{inspect(env.module)}, got: none; put defstruct before use BB.Message"
+        "expected a struct in #{inspect(env.module)}; put defstruct before use BB.Message"
       )
     end
 
@@ -82,7 +86,9 @@ defmodule BB.Message.Compiler do
     end
   end
 
-  @doc "Creates a payload with the checks of BB.Options, from attributes that the constructor refuses."
+  @doc """
+  Creates a payload with the checks of BB.Options, from attributes that the constructor refuses.
+  """
   def validate(module, attrs) do
     with {:ok, attrs} <- Options.validate(attrs, module.schema()),
          do: {:ok, struct!(module, attrs)}
@@ -227,7 +233,7 @@ defmodule BB.Message.Compiler do
     values = Enum.map(fields, &{&1.key, &1.value})
 
     steps =
-      for(%{check: {:test, test}} <- fields, test != true, do: quote(do: true <- unquote(test))) ++
+      for(%{check: {:test, t}} <- fields, t != true, do: quote(do: true <- unquote(t))) ++
         for %{check: {:cast, cast}, var: v} <- fields,
             do: quote(do: {:ok, unquote(v)} <- unquote(cast))
 

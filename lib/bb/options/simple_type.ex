@@ -30,8 +30,8 @@ defmodule BB.Options.SimpleType do
   def types, do: @types
 
   @doc """
-  Returns a quoted expression that is true for the values of the type, or `nil` if the type is not a
-  simple one.
+  Returns a quoted expression that is true for the values of the type, or `nil` if the type is not
+  a simple one.
 
   `var` is the quoted variable of the value. A parameter of the type is quoted too. Apart from
   `{:in, choices}` with choices that are no literal, the expression is allowed in guards.
@@ -58,8 +58,9 @@ defmodule BB.Options.SimpleType do
 
   def test(:mfa, var) do
     quote do
-      is_tuple(unquote(var)) and tuple_size(unquote(var)) == 3 and is_atom(elem(unquote(var), 0)) and
-        is_atom(elem(unquote(var), 1)) and is_list(elem(unquote(var), 2))
+      is_tuple(unquote(var)) and tuple_size(unquote(var)) == 3 and
+        is_atom(elem(unquote(var), 0)) and is_atom(elem(unquote(var), 1)) and
+        is_list(elem(unquote(var), 2))
     end
   end
 

@@ -83,8 +83,8 @@ defmodule BB.Options.Type do
     do: "invalid subtype given to #{inspect(name)} type: #{reason}"
 
   @doc """
-  Checks a value. Returns `{:ok, value}`, changed if the type changes values, or `{:error, message}`
-  with the option `key` in the message.
+  Checks a value. Returns `{:ok, value}`, changed if the type changes values, or
+  `{:error, message}` with the option `key` in the message.
   """
   def cast(type, value, key)
 
@@ -261,7 +261,8 @@ defmodule BB.Options.Type do
   defp unexpected(type, value, key),
     do:
       {:error,
-       "invalid value for #{name(key)}: expected #{expected(type, value)}, got: #{inspect(value)}"}
+       "invalid value for #{name(key)}: expected #{expected(type, value)}, " <>
+         "got: #{inspect(value)}"}
 
   defp expected(:keyword_list, _), do: "keyword list"
   defp expected(:non_empty_keyword_list, _), do: "non-empty keyword list"

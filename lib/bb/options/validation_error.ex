@@ -2,8 +2,8 @@ defmodule BB.Options.ValidationError do
   @moduledoc """
   The error that `BB.Options.validate/2` returns for options that do not fit their schema.
 
-  It is an exception: raise it, or turn it into text with `Exception.message/1`. For options inside
-  options, the text ends with the keys that lead to them.
+  It is an exception: raise it, or turn it into text with `Exception.message/1`. For options
+  inside options, the text ends with the keys that lead to them.
 
       iex> schema = [filter: [type: :keyword_list, keys: [size: [type: :integer]]]]
       iex> {:error, error} = BB.Options.validate([filter: [size: 1.0]], schema)

@@ -1,8 +1,8 @@
 defmodule BB.Message.Compiler.TypeTest do
   @moduledoc false
-  # Turns the type of a field into an expression that is true for its values. Simple types have one
-  # in BB.Options.SimpleType; those made of others join theirs. A list needs a private function of
-  # the payload's module, a helper, that walks it.
+  # Turns the type of a field into an expression that is true for its values. Simple types have
+  # one in BB.Options.SimpleType; those made of others join theirs. A list needs a private
+  # function of the payload's module, a helper, that walks it.
 
   alias BB.Options.SimpleType
 
