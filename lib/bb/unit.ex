@@ -1,6 +1,9 @@
 defmodule BB.Unit do
   @moduledoc """
-  Quantities: numbers with their unit, so that nobody has to guess whether a limit is in degrees or radians.
+  Quantities: numbers with a unit.
+
+  Use them in a robot's declaration, in options and in parameters, where a reader would otherwise
+  have to guess whether a limit is in degrees or radians:
 
       iex> import BB.Unit
       iex> ~u(5 meter_per_second)
@@ -8,12 +11,11 @@ defmodule BB.Unit do
       iex> BB.Unit.convert!(~u(90 degree), :radian).value
       1.5707963267948966
 
-  Quantities are for people: in a robot's declaration, in options and in parameters. Messages and code that computes use plain
-  floats in SI units, which `to_si/1` gives.
+  Messages and calculations use plain floats in SI units instead, which `to_si/1` returns.
 
   ## Names
 
-  The sigil and the functions take a name as an atom or a string, with `_` or `-` between its words. The units are
+  The name of a unit is an atom or a string, with `_` or `-` between its words. The units are
 
   #{Enum.map_join(BB.Unit.Name.metric(), ", ", &"`#{&1}`")}
 
@@ -21,13 +23,14 @@ defmodule BB.Unit do
 
   #{Enum.map_join(BB.Unit.Name.known() -- BB.Unit.Name.metric(), ", ", &"`#{&1}`")}.
 
-  They combine: `newton_meter` is a product, `meter_per_second` a quotient (everything behind `per` divides), `square_meter`,
-  `cubic_meter`, `meter_per_square_second` and `meter_per_second_squared` are powers. What has the same dimensions can be
-  converted and compared, whatever its name: a `volt_ampere` is a `watt`. An angle counts as a dimension of its own, so that
-  `radian_per_second` is no `hertz`.
+  They combine: `newton_meter` is a product, `meter_per_second` a quotient (every unit after `per`
+  divides), and `square_meter`, `cubic_meter`, `meter_per_square_second` and
+  `meter_per_second_squared` are powers. Quantities of the same dimensions can be converted and
+  compared, whatever their names: a `volt_ampere` is a `watt`. An angle is a dimension of its own,
+  so `radian_per_second` is not a `hertz`.
 
-  A temperature in `celsius` or `fahrenheit` has its zero where its scale has it. In a rate or a product, as
-  `celsius_per_second`, it is a difference.
+  A temperature in `celsius` or `fahrenheit` counts from the zero of its scale. In a rate or a
+  product, such as `celsius_per_second`, it is a difference.
   """
 
   alias BB.Unit.Name
@@ -37,13 +40,13 @@ defmodule BB.Unit do
 
   @type t :: %__MODULE__{name: String.t(), value: number()}
 
-  @typedoc "The name of a unit, as `:meter_per_second` or `\"meter-per-second\"`."
+  @typedoc "The name of a unit, such as `:meter_per_second` or `\"meter-per-second\"`."
   @type name :: atom() | String.t()
 
   @doc """
-  A quantity, written down and checked when compiled.
+  Handles the sigil `~u`, a quantity that is checked when compiled.
 
-  A unit that does not exist is a `CompileError`.
+  An unknown unit raises `CompileError`.
   """
   defmacro sigil_u({:<<>>, _, [text]}, []) when is_binary(text) do
     case parse(text) do
@@ -55,19 +58,21 @@ defmodule BB.Unit do
   defmacro sigil_u(_text, _modifiers) do
     compile_error(
       __CALLER__,
-      "~u takes a number and a unit, as ~u(5 meter_per_second), without interpolation or modifiers; " <>
-        "BB.Unit.new!/2 takes values that are known later"
+      "expected a number and a unit in ~u, such as ~u(5 meter_per_second), without " <>
+        "interpolation or modifiers; use BB.Unit.new!/2 for values that are known later"
     )
   end
 
   @doc """
-  A quantity of a value and a name, in either order: `{:ok, unit}` or `{:error, exception}`.
+  Creates a quantity of a value and a name, in either order.
+
+  Returns `{:ok, unit}` or `{:error, exception}`.
 
       iex> BB.Unit.new(100, :hertz)
       {:ok, %BB.Unit{name: "hertz", value: 100}}
       iex> {:error, error} = BB.Unit.new(1, :metre)
       iex> error.message
-      ~s(unknown unit "metre"; close ones are meter, ampere)
+      ~s(unknown unit "metre"; did you mean meter or ampere?)
   """
   @spec new(number(), name()) :: {:ok, t()} | {:error, Exception.t()}
   @spec new(name(), number()) :: {:ok, t()} | {:error, Exception.t()}
@@ -79,16 +84,18 @@ defmodule BB.Unit do
 
   def new(value, name) do
     raise ArgumentError,
-          "a quantity has a number and the name of a unit, got: #{inspect(value)} and #{inspect(name)}"
+          "expected a number and the name of a unit, got: #{inspect(value)} and #{inspect(name)}"
   end
 
-  @doc "Like `new/2`, but returns the quantity itself or raises `ArgumentError`."
+  @doc "Creates a quantity as `new/2` does. Returns it or raises `ArgumentError`."
   @spec new!(number(), name()) :: t()
   @spec new!(name(), number()) :: t()
-  def new!(value, name), do: bang(new(value, name))
+  def new!(value, name), do: unwrap!(new(value, name))
 
   @doc """
-  Reads a quantity from a text such as `"5 meter_per_second"`: `{:ok, unit}` or `{:error, exception}`.
+  Parses a text such as `"5 meter_per_second"`.
+
+  Returns `{:ok, unit}` or `{:error, exception}`.
 
       iex> BB.Unit.parse("-1.5 newton-meter")
       {:ok, %BB.Unit{name: "newton-meter", value: -1.5}}
@@ -99,14 +106,16 @@ defmodule BB.Unit do
          {:ok, value} <- parse_number(String.replace(number, ~r/(?<=\d)_(?=\d)/, "")) do
       new(value, name)
     else
-      _ -> error("expected a number and a unit, as 5 meter_per_second, got: #{inspect(text)}")
+      _ ->
+        error("expected a number and a unit, such as 5 meter_per_second, got: #{inspect(text)}")
     end
   end
 
   @doc """
-  The same quantity in another unit: `{:ok, unit}` or `{:error, exception}`.
+  Converts a quantity to another unit.
 
-  Whole numbers stay whole where the result is exact.
+  Returns `{:ok, unit}` or `{:error, exception}`. Integers stay integers where the result is
+  exact.
 
       iex> import BB.Unit
       iex> BB.Unit.convert(~u(1.5 kilohertz), :hertz)
@@ -115,7 +124,7 @@ defmodule BB.Unit do
       {:ok, %BB.Unit{name: "fahrenheit", value: 212}}
       iex> {:error, error} = BB.Unit.convert(~u(1 meter), :second)
       iex> error.message
-      "1 meter cannot be converted to second: the one is a length, the other is a time"
+      "cannot convert 1 meter to second: 1 meter is a length, second is a time"
   """
   @spec convert(t(), name()) :: {:ok, t()} | {:error, Exception.t()}
   def convert(%__MODULE__{} = unit, name) do
@@ -127,17 +136,21 @@ defmodule BB.Unit do
     end
   end
 
-  @doc "Like `convert/2`, but returns the quantity itself or raises `ArgumentError`."
+  @doc "Converts a quantity as `convert/2` does. Returns it or raises `ArgumentError`."
   @spec convert!(t(), name()) :: t()
-  def convert!(unit, name), do: bang(convert(unit, name))
+  def convert!(unit, name), do: unwrap!(convert(unit, name))
 
   @doc """
-  The plain number in SI units, a float: metres, kilograms, seconds, amperes, kelvins, radians and what is made of them, so
-  hertz, newtons, newton metres, volts, ohms, radians per second, ….
+  Returns the value in SI units, as a float.
+
+  The units are metres, kilograms, seconds, amperes, kelvins, radians, and those made of them,
+  such as hertz, newtons, newton metres, volts, ohms and radians per second.
 
       iex> import BB.Unit
-      iex> {BB.Unit.to_si(~u(180 degree)), BB.Unit.to_si(~u(20 millisecond)), BB.Unit.to_si(~u(0 celsius))}
-      {3.141592653589793, 0.02, 273.15}
+      iex> BB.Unit.to_si(~u(20 millisecond))
+      0.02
+      iex> BB.Unit.to_si(~u(0 celsius))
+      273.15
   """
   @spec to_si(t()) :: float()
   def to_si(%__MODULE__{} = unit) do
@@ -146,9 +159,9 @@ defmodule BB.Unit do
   end
 
   @doc """
-  Which of two quantities is greater: `:lt`, `:eq` or `:gt`, so that `Enum.sort(units, BB.Unit)` works.
+  Compares two quantities. Returns `:lt`, `:eq` or `:gt`, as `Enum.sort(units, BB.Unit)` needs it.
 
-  Raises `ArgumentError` when they are not of the same kind.
+  Raises `ArgumentError` if they have different dimensions.
 
       iex> import BB.Unit
       iex> BB.Unit.compare(~u(999 meter), ~u(1 kilometer))
@@ -166,17 +179,20 @@ defmodule BB.Unit do
   end
 
   @doc """
-  Whether two quantities, or names of units, are of the same kind, so that each can be converted to the other.
+  Returns whether two quantities or units have the same dimensions, so that each can be converted
+  to the other.
 
       iex> import BB.Unit
-      iex> {BB.Unit.compatible?(~u(1 inch), :meter), BB.Unit.compatible?(:hertz, :radian_per_second)}
-      {true, false}
+      iex> BB.Unit.compatible?(~u(1 inch), :meter)
+      true
+      iex> BB.Unit.compatible?(:hertz, :radian_per_second)
+      false
   """
   @spec compatible?(t() | name(), t() | name()) :: boolean()
   def compatible?(a, b), do: dimensions!(a) == dimensions!(b)
 
   @doc """
-  The quantity in words.
+  Returns the quantity as text.
 
       iex> import BB.Unit
       iex> BB.Unit.to_string!(~u(5 meter_per_second))
@@ -184,18 +200,21 @@ defmodule BB.Unit do
   """
   @spec to_string!(t()) :: String.t()
   def to_string!(%__MODULE__{} = unit),
-    do: "#{unit.value} #{words(unit.name)}"
+    do: "#{unit.value} #{format_name(unit.name)}"
 
   @doc """
-  The type of an option of `BB.Options` that is a quantity: a number in the unit `name`, or a quantity of the same kind, which becomes
-  such a number. It is from `least` to `most`.
+  Returns the type of an option that is a quantity, for the schemas of `BB.Options`.
+
+  The option takes a number in the unit `name`, or a quantity that can be converted to it and
+  becomes such a number. The number must be between `least` and `most`.
 
       iex> schema = [rate: [type: BB.Unit.option(:hertz, 4, 1000)]]
       iex> BB.Options.validate([rate: BB.Unit.new!(0.5, :kilohertz)], schema)
       {:ok, [rate: 500.0]}
       iex> {:error, error} = BB.Options.validate([rate: 3], schema)
       iex> Exception.message(error)
-      "invalid value for :rate option: expected a frequency of 4 to 1000 hertz, as a number or a unit, got: 3"
+      "invalid value for :rate option: expected a frequency of 4 to 1000 hertz, " <>
+        "as a number or a unit, got: 3"
   """
   @spec option(name(), number(), number()) :: {:custom, module(), atom(), [term()]}
   def option(name, least, most), do: {:custom, __MODULE__, :check_option, [name, least, most]}
@@ -207,7 +226,8 @@ defmodule BB.Unit do
     else
       _ ->
         {:error,
-         "expected #{kind(dimensions!(name))} of #{least} to #{most} #{words(name)}, as a number or a unit, got: #{inspect(value)}"}
+         "expected #{kind(dimensions!(name))} of #{least} to #{most} #{format_name(name)}, " <>
+           "as a number or a unit, got: #{inspect(value)}"}
     end
   end
 
@@ -218,7 +238,7 @@ defmodule BB.Unit do
   defp number_in(number, _name) when is_number(number), do: {:ok, number}
   defp number_in(_other, _name), do: :error
 
-  defp words(name), do: name |> Name.normalise() |> String.replace("-", " ")
+  defp format_name(name), do: name |> Name.normalize() |> String.replace("-", " ")
 
   defp parse_number(text) do
     case {Integer.parse(text), Float.parse(text)} do
@@ -229,7 +249,7 @@ defmodule BB.Unit do
   end
 
   defp meaning(name) do
-    name = Name.normalise(name)
+    name = Name.normalize(name)
 
     case Name.parse(name) do
       {:ok, meaning} -> {:ok, name, meaning}
@@ -238,13 +258,13 @@ defmodule BB.Unit do
   end
 
   defp dimensions!(%__MODULE__{name: name}), do: dimensions!(name)
-  defp dimensions!(name), do: elem(bang_meaning(meaning(name)), 2).dimensions
+  defp dimensions!(name), do: elem(unwrap_meaning!(meaning(name)), 2).dimensions
 
-  defp bang_meaning({:ok, _, _} = meaning), do: meaning
-  defp bang_meaning({:error, error}), do: raise(error)
+  defp unwrap_meaning!({:ok, _, _} = meaning), do: meaning
+  defp unwrap_meaning!({:error, error}), do: raise(error)
 
-  defp bang({:ok, unit}), do: unit
-  defp bang({:error, error}), do: raise(error)
+  defp unwrap!({:ok, unit}), do: unit
+  defp unwrap!({:error, error}), do: raise(error)
 
   defp error(message), do: {:error, ArgumentError.exception(message)}
 
@@ -264,8 +284,8 @@ defmodule BB.Unit do
   defp quotient({n, d}), do: n / d
 
   defp incompatible(unit, name, from, to) do
-    "#{to_string!(unit)} cannot be converted to #{name}: " <>
-      "the one is #{kind(from.dimensions)}, the other is #{kind(to.dimensions)}"
+    "cannot convert #{to_string!(unit)} to #{name}: #{to_string!(unit)} is " <>
+      "#{kind(from.dimensions)}, #{name} is #{kind(to.dimensions)}"
   end
 
   @kinds [
@@ -298,7 +318,7 @@ defmodule BB.Unit do
 
     case List.keyfind(kinds, dimensions, 0) do
       {_, kind} -> kind
-      nil -> "of another kind"
+      nil -> "of other dimensions"
     end
   end
 

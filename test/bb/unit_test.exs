@@ -25,21 +25,21 @@ defmodule BB.UnitTest do
       assert Enum.sort(fields) == [__struct__: Unit, name: "meter", value: 1]
     end
 
-    test "refuses a unit that does not exist, names it and close ones" do
+    test "refuses a unit that does not exist, names it and similar ones" do
       assert_raise CompileError,
-                   ~r/unknown unit "milisecond"; close ones are millisecond, /,
+                   ~r/unknown unit "milisecond"; did you mean millisecond or /,
                    fn ->
                      evaluate("~u(100 milisecond)")
                    end
 
       assert_raise CompileError,
-                   ~r/unknown unit "metre" in "metre-per-second"; close ones are meter, /,
+                   ~r/unknown unit "metre" in "metre-per-second"; did you mean meter or /,
                    fn ->
                      evaluate("~u(1 metre_per_second)")
                    end
 
       assert_raise CompileError,
-                   ~r/unknown unit "blurb"; known are .*meter.*, also with SI prefixes/,
+                   ~r/unknown unit "blurb", the units are: .*meter.*, some with SI prefixes/,
                    fn ->
                      evaluate("~u(1 blurb)")
                    end
@@ -55,7 +55,7 @@ defmodule BB.UnitTest do
             "~u(5 meter now)"
           ] do
         assert_raise CompileError,
-                     ~r/expected a number and a unit, as 5 meter_per_second, got: /,
+                     ~r/expected a number and a unit, such as 5 meter_per_second, got: /,
                      fn ->
                        evaluate(text)
                      end
@@ -64,7 +64,9 @@ defmodule BB.UnitTest do
 
     test "refuses a unit that is not complete" do
       for name <- ["meter_per", "per", "square", "meter_per_square"] do
-        assert_raise CompileError, ~r/is not complete/, fn -> evaluate("~u(1 #{name})") end
+        assert_raise CompileError, ~r/expected a complete unit, got: /, fn ->
+          evaluate("~u(1 #{name})")
+        end
       end
     end
 
@@ -92,9 +94,11 @@ defmodule BB.UnitTest do
         Unit.new("5", :meter)
       end
 
-      assert_raise ArgumentError, ~r/the name of a unit is an atom or a string, got: 5/, fn ->
-        Unit.new(5, 5)
-      end
+      assert_raise ArgumentError,
+                   ~r/expected an atom or a string as the name of a unit, got: 5/,
+                   fn ->
+                     Unit.new(5, 5)
+                   end
 
       assert_raise ArgumentError, ~r/unknown unit "metre"/, fn -> Unit.new!(5, :metre) end
     end
@@ -146,9 +150,9 @@ defmodule BB.UnitTest do
       assert {:error, error} = Unit.convert(~u(1 radian_per_second), :hertz)
 
       assert Exception.message(error) ==
-               "1 radian per second cannot be converted to hertz: the one is an angular speed, the other is a frequency"
+               "cannot convert 1 radian per second to hertz: 1 radian per second is an angular speed, hertz is a frequency"
 
-      assert_raise ArgumentError, ~r/cannot be converted/, fn ->
+      assert_raise ArgumentError, ~r/cannot convert/, fn ->
         Unit.convert!(~u(1 meter), :second)
       end
     end
@@ -232,7 +236,7 @@ defmodule BB.UnitTest do
     end
 
     test "raises for different kinds" do
-      assert_raise ArgumentError, ~r/1 second cannot be converted to meter/, fn ->
+      assert_raise ArgumentError, ~r/cannot convert 1 second to meter/, fn ->
         Unit.compare(~u(1 meter), ~u(1 second))
       end
     end

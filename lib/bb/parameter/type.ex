@@ -40,7 +40,7 @@ defmodule BB.Parameter.Type do
       iex> BB.Parameter.Type.check({:list, {:unit, :meter}})
       :ok
       iex> BB.Parameter.Type.check({:unit, :metre})
-      {:error, ~s(unknown unit "metre"; close ones are meter, ampere)}
+      {:error, ~s(unknown unit "metre"; did you mean meter or ampere?)}
   """
   @spec check(term()) :: :ok | {:error, String.t()}
   def check(type) when type in @plain, do: :ok

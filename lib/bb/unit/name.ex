@@ -1,9 +1,9 @@
 defmodule BB.Unit.Name do
   @moduledoc false
-  # What the name of a unit means: its dimensions, and how its values become values in the coherent SI unit of these,
-  # v · ratio · πᵖⁱ + offset, with ratio and offset as exact fractions.
+  # Parses the name of a unit into its dimensions and the conversion of its values into the
+  # coherent SI unit: v · ratio · πᵖⁱ + offset, with ratio and offset as exact fractions.
   #
-  # The angle counts as a dimension, so that a rotation's speed is no frequency.
+  # The angle is a dimension, so that an angular speed is not a frequency.
 
   defstruct dimensions: %{}, ratio: {1, 1}, pi: 0, offset: {0, 1}
 
@@ -46,7 +46,7 @@ defmodule BB.Unit.Name do
   @force %{length: 1, mass: 1, time: -2}
   @voltage %{length: 2, mass: 1, time: -3, current: -1}
 
-  # Those that take prefixes.
+  # The units that take prefixes.
   @metric %{
     "meter" => {%{length: 1}, {1, 1}},
     "gram" => {%{mass: 1}, {1, 1000}},
@@ -113,33 +113,37 @@ defmodule BB.Unit.Name do
 
   @prefixable Enum.sort(["degree" | Map.keys(@metric)])
 
-  @doc "Every unit that has a name of its own, without prefixes."
+  @doc "Returns all units without prefixes."
   def known, do: Enum.sort(Map.keys(@known))
 
-  @doc "The prefixes, with their powers of ten."
+  @doc "Returns the prefixes with their powers of ten."
   def prefixes, do: @prefixes
 
-  @doc "The units that take prefixes."
+  @doc "Returns the units that take prefixes."
   def metric, do: @prefixable
 
-  @doc "The name as it is kept: a string whose words are joined by dashes."
-  def normalise(name) when is_atom(name) and name != nil, do: normalise(Atom.to_string(name))
-  def normalise(name) when is_binary(name), do: String.replace(name, "_", "-")
+  @doc "Returns a name in its stored form, a string with dashes between its words."
+  def normalize(name) when is_atom(name) and name != nil, do: normalize(Atom.to_string(name))
+  def normalize(name) when is_binary(name), do: String.replace(name, "_", "-")
 
-  def normalise(name),
-    do: raise(ArgumentError, "the name of a unit is an atom or a string, got: #{inspect(name)}")
+  def normalize(name),
+    do:
+      raise(
+        ArgumentError,
+        "expected an atom or a string as the name of a unit, got: #{inspect(name)}"
+      )
 
-  @doc "What a normalised name means: `{:ok, t}`, or `{:error, message}` that names close ones."
+  @doc "Parses a normalized name. Returns `{:ok, t}`, or `{:error, message}` with similar names."
   def parse(name) do
     with {:ok, factors} <- factors(String.split(name, "-"), 1, []) do
       {:ok, product(factors)}
     else
       {:unknown, word} -> {:error, unknown(name, word)}
-      :incomplete -> {:error, "the unit #{inspect(name)} is not complete"}
+      :incomplete -> {:error, "expected a complete unit, got: #{inspect(name)}"}
     end
   end
 
-  # An offset has a meaning where the unit stands alone; in a rate or a product a temperature is a difference.
+  # The offset applies to a unit alone. In a rate or a product, a temperature is a difference.
   defp product([{unit, 1}]), do: struct!(__MODULE__, unit)
 
   defp product(factors) do
@@ -171,24 +175,24 @@ defmodule BB.Unit.Name do
 
   defp factor([], _sign, _power, _found), do: :incomplete
 
-  # Two words may be one unit, as "pound-force", also where the first word is one by itself.
+  # Two words may be one unit, such as "pound-force", even if the first word is a unit too.
   defp factor([word | rest], sign, power, found) do
     pair = "#{word}-#{List.first(rest)}"
 
     case {@known, lookup(word)} do
-      {%{^pair => unit}, _} -> squared(tl(rest), sign, power, unit, found)
-      {_, {:ok, unit}} -> squared(rest, sign, power, unit, found)
+      {%{^pair => unit}, _} -> factors_with_power(tl(rest), sign, power, unit, found)
+      {_, {:ok, unit}} -> factors_with_power(rest, sign, power, unit, found)
       {_, :error} -> {:unknown, word}
     end
   end
 
-  defp squared(["squared" | rest], sign, power, unit, found),
+  defp factors_with_power(["squared" | rest], sign, power, unit, found),
     do: factors(rest, sign, [{unit, sign * power * 2} | found])
 
-  defp squared(["cubed" | rest], sign, power, unit, found),
+  defp factors_with_power(["cubed" | rest], sign, power, unit, found),
     do: factors(rest, sign, [{unit, sign * power * 3} | found])
 
-  defp squared(rest, sign, power, unit, found),
+  defp factors_with_power(rest, sign, power, unit, found),
     do: factors(rest, sign, [{unit, sign * power} | found])
 
   defp lookup(word), do: with(:error <- Map.fetch(@known, word), do: prefixed(word, @prefixes))
@@ -209,36 +213,37 @@ defmodule BB.Unit.Name do
   defp unknown(name, word) do
     place = if name == word, do: "", else: " in #{inspect(name)}"
 
-    case close_to(word) do
+    case similar_to(word) do
       [] ->
-        "unknown unit #{inspect(word)}#{place}; known are #{Enum.join(known(), ", ")}, also with SI prefixes"
+        "unknown unit #{inspect(word)}#{place}, the units are: " <>
+          "#{Enum.join(known(), ", ")}, some with SI prefixes"
 
-      close ->
-        "unknown unit #{inspect(word)}#{place}; close ones are #{Enum.join(close, ", ")}"
+      similar ->
+        "unknown unit #{inspect(word)}#{place}; did you mean #{Enum.join(similar, " or ")}?"
     end
   end
 
-  defp close_to(word) do
+  defp similar_to(word) do
     prefixed = for {prefix, _} <- @prefixes, base <- metric(), do: prefix <> base
 
     (known() ++ prefixed)
     |> Enum.map(&{String.jaro_distance(&1, word), &1})
-    |> Enum.filter(fn {closeness, _} -> closeness > 0.8 end)
+    |> Enum.filter(fn {similarity, _} -> similarity > 0.8 end)
     |> Enum.sort(:desc)
     |> Enum.take(3)
     |> Enum.map(&elem(&1, 1))
   end
 
-  @doc "The product of two fractions."
+  @doc "Returns the product of two fractions."
   def multiply({a, b}, {c, d}), do: reduce(a * c, b * d)
 
-  @doc "The quotient of two fractions."
+  @doc "Returns the quotient of two fractions."
   def divide(a, {c, d}), do: multiply(a, if(c < 0, do: {-d, -c}, else: {d, c}))
 
-  @doc "The sum of two fractions."
+  @doc "Returns the sum of two fractions."
   def add({a, b}, {c, d}), do: reduce(a * d + c * b, b * d)
 
-  @doc "The first fraction less the second."
+  @doc "Returns the first fraction minus the second."
   def subtract(a, {c, d}), do: add(a, {-c, d})
 
   defp power(_fraction, 0), do: {1, 1}

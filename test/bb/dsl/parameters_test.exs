@@ -60,16 +60,16 @@ defmodule BB.Dsl.ParametersTest do
           {"a numeric bound on a unit", "type: {:unit, :hertz}, min: 1",
            "min: expected a quantity such as ~u(1 hertz), got: 1"},
           {"an incompatible unit", "type: {:unit, :hertz}, max: ~u(1 meter)",
-           "max: 1 meter cannot be converted to hertz: the one is a length, the other is a frequency"},
+           "max: cannot convert 1 meter to hertz: 1 meter is a length, hertz is a frequency"},
           {"a default in an incompatible unit", "type: {:unit, :hertz}, default: ~u(1 meter)",
-           "default: 1 meter cannot be converted to hertz: the one is a length, the other is a frequency"},
+           "default: cannot convert 1 meter to hertz: 1 meter is a length, hertz is a frequency"},
           {"a unit as the bound of a number", "type: :float, max: ~u(1 meter)",
            "max: expected a number for type :float, got: ~u(1 meter)"},
           {"no type", "default: 1", "the type is missing; add `type:`, such as `type: :float`"},
           {"an unknown type", "type: :flaot",
            ":flaot is no type; the types are :float, :integer, :boolean, :string, :atom, {:unit, unit}, {:in, choices}, {:or, types}, {:list, type}"},
           {"an unknown unit", "type: {:unit, :metre}",
-           ~s(unknown unit "metre"; close ones are meter, ampere)}
+           ~s(unknown unit "metre"; did you mean meter or ampere?)}
         ] do
       test "declared wrong, with #{what}, are a BB.Dsl.Error with the full path" do
         error =

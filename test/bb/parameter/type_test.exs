@@ -51,7 +51,7 @@ defmodule BB.Parameter.TypeTest do
 
     assert cast({:unit, :hertz}, ~u(1 meter)) ==
              {:error,
-              "invalid value for :k option: 1 meter cannot be converted to hertz: the one is a length, the other is a frequency"}
+              "invalid value for :k option: cannot convert 1 meter to hertz: 1 meter is a length, hertz is a frequency"}
 
     assert cast({:unit, :hertz}, 100) ==
              {:error,
