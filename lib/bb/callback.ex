@@ -1,30 +1,34 @@
 defmodule BB.Callback do
   @moduledoc """
-  Calls code of others so that it can hurt only itself: the optional callbacks of a driver
-  (`c:BB.Sensor.explain/1`, `c:BB.Sensor.rate/1`, …), the checks of its options, telemetry
-  handlers. Whatever of a user's has to be called outside the user's own process is called from
-  here, and `test/architecture_test.exs` finds what is not.
+  Calls a user's function in a process of its own, bounded in time and memory, so that its failure
+  harms no other process.
+
+  Use it for user code that has to run outside the user's own process: the optional callbacks of a
+  driver (`c:BB.Sensor.explain/1`, `c:BB.Sensor.rate/1`, …), the checks of its options, telemetry
+  handlers. `test/architecture_test.exs` finds such calls elsewhere.
 
       iex> BB.Callback.call({String, :to_integer, ["7"]})
       {:ok, 7}
-      iex> {:error, {:raised, words}} = BB.Callback.call({String, :to_integer, ["seven"]}, quiet: true)
-      iex> words =~ "ArgumentError"
+      iex> {:error, {:raised, text}} =
+      ...>   BB.Callback.call({String, :to_integer, ["seven"]}, quiet: true)
+      iex> text =~ "ArgumentError"
       true
 
-  The function runs in a process of its own. Whatever it does, the caller gets `{:ok, value}` or
-  `{:error, failure}` (`t:failure/0`) within the limit of time, and nothing else: no exit, no
-  message, no process that stays.
+  Whatever the function does, the caller gets `{:ok, value}` or `{:error, failure}`
+  (`t:failure/0`) within the time limit, and nothing else: no exit, no message, no process left
+  over.
 
-    * What it raises, throws or exits with is a failure, in words. So is a value that is not what
-      was expected.
-    * When it does not return in time it is killed, with what is linked to it, and so it is when
-      its caller ends, or when it takes more memory than 32 MB.
-    * A function that did not return is not called again for a minute: the same failure comes at
-      once. So many sensors whose callbacks hang take the time of one.
-    * Each function's failure is logged once in ten minutes, whoever calls it and however often.
+    * An exception, a throw or an exit is a failure, described in text. So is a return value other
+      than the expected one.
+    * The function's process is killed, with the processes linked to it, when it exceeds the time
+      limit or 32 MB of memory, or when its caller ends.
+    * A function that has exceeded the time limit is not called again for a minute: calls fail at
+      once. So the callbacks of many sensors that hang take the time of one.
+    * The failure of a function is logged once in ten minutes, whatever the number of its callers
+      and calls.
 
-  A call takes some 5 µs. What happens for each message, such as an encoding, runs in its
-  component's own process instead, which it alone can hurt.
+  A call takes about 5 µs. Code that runs for each message, such as an encoding, runs in the
+  process of its component instead, the only one that it can harm.
   """
 
   require Logger
@@ -33,38 +37,37 @@ defmodule BB.Callback do
 
   @timeout_ms 1_000
   @heap_bytes 32_000_000
-  @longest_words 300
+  @longest_text 300
 
   @enforce_keys [:name, :timeout_ms]
   defstruct [:name, :timeout_ms, :monitor, :expected, :instead, quiet?: false, remember?: true]
 
-  @typedoc "A call that has begun."
+  @typedoc "A call that has been started."
   @opaque t :: %__MODULE__{}
 
-  @typedoc "What is called, for the log and to remember it by: a function of a module, or words."
+  @typedoc "The name of the called function for the log and for remembering failures, or a text."
   @type name :: {module(), atom(), arity()} | String.t()
 
   @typedoc """
-  Why there is no value. `:no_clause` is for functions that need not have one (`partial:`).
+  The reason why a call returned no value. `:no_clause` occurs only with the option `partial:`.
   """
   @type failure ::
-          {:raised | :threw | :exited | :returned, words :: String.t()}
+          {:raised | :threw | :exited | :returned, text :: String.t()}
           | {:timeout, pos_integer()}
           | :no_clause
 
   @typedoc """
-  How it is called:
+  An option of a call:
 
-    * `name:` - when it is not the called function's
-    * `accept:` - turns what was returned into `{:ok, value}`, or `:error` when it is none; runs
-      in the process of the call
-    * `expected:` - what would be accepted, in words
-    * `instead:` - what happens without a value, in words for the log
-    * `timeout_ms:` - #{@timeout_ms} when not given
-    * `partial:` - whether it may lack a clause for its arguments, which is nothing to log
-    * `remember:` - `false` for a function that is called again although it did not return the
-      last time
-    * `quiet:` - `true` when the caller says itself that it failed
+    * `name:` - the name of the call, the function's own by default
+    * `accept:` - a function that turns the returned term into `{:ok, value}`, or returns
+      `:error`; it runs in the process of the call
+    * `expected:` - a description of the accepted values, for errors
+    * `instead:` - what the caller does without a value, for the log
+    * `timeout_ms:` - the time limit, #{@timeout_ms} by default
+    * `partial:` - whether the function may lack a clause for its arguments, which is not logged
+    * `remember:` - `false` to call a function again although it exceeded the time limit before
+    * `quiet:` - `true` if the caller reports the failure itself
   """
   @type option ::
           {:name, name()}
@@ -76,12 +79,13 @@ defmodule BB.Callback do
           | {:remember, boolean()}
           | {:quiet, boolean()}
 
-  @doc "Calls a function and waits for what it returns."
+  @doc "Calls a function and waits for its result."
   @spec call({module(), atom(), [term()]}, [option()]) :: {:ok, term()} | {:error, failure()}
   def call(mfa, opts \\ []), do: mfa |> start(opts) |> await()
 
   @doc """
-  Begins a call, for `await/1` of the same process: several calls take the time of the longest.
+  Starts a call, to be awaited with `await/1` by the same process. Several calls run at the same
+  time.
   """
   @spec start({module(), atom(), [term()]}, [option()]) :: t()
   def start({module, function, arguments} = mfa, opts \\ []) do
@@ -94,17 +98,17 @@ defmodule BB.Callback do
       remember?: Keyword.get(opts, :remember, true)
     }
 
-    if call.remember? and Failures.hung?(call.name), do: call, else: begin(call, mfa, opts)
+    if call.remember? and Failures.hung?(call.name), do: call, else: spawn_call(call, mfa, opts)
   end
 
-  defp begin(call, mfa, opts) do
+  defp spawn_call(call, mfa, opts) do
     accept = opts[:accept] || (&{:ok, &1})
     work = {mfa, accept, Keyword.get(opts, :partial, false)}
     {_pid, monitor} = spawn_monitor(__MODULE__, :oversee, [self(), work, call.timeout_ms])
     %{call | monitor: monitor}
   end
 
-  @doc "What came of a call: its value, or why there is none."
+  @doc "Waits for the result of a started call."
   @spec await(t()) :: {:ok, term()} | {:error, failure()}
   def await(%__MODULE__{monitor: nil} = call), do: {:error, {:timeout, call.timeout_ms}}
 
@@ -112,7 +116,7 @@ defmodule BB.Callback do
     receive do
       {:DOWN, ^monitor, :process, _pid, {__MODULE__, {:ok, value}}} -> {:ok, value}
       {:DOWN, ^monitor, :process, _pid, {__MODULE__, {:error, failure}}} -> fail(call, failure)
-      {:DOWN, ^monitor, :process, _pid, reason} -> fail(call, {:exited, plain(reason)})
+      {:DOWN, ^monitor, :process, _pid, reason} -> fail(call, {:exited, format_exit(reason)})
     end
   end
 
@@ -120,50 +124,57 @@ defmodule BB.Callback do
 
   defp fail(call, failure) do
     if call.remember? and match?({:timeout, _ms}, failure), do: Failures.put_hung(call.name)
-    unless call.quiet?, do: say(call, failure)
+    unless call.quiet?, do: log_failure(call, failure)
     {:error, failure}
   end
 
-  defp say(call, failure) do
-    if Failures.news?(call.name),
+  defp log_failure(call, failure) do
+    if Failures.log?(call.name),
       do:
         Logger.warning([
-          title(call.name),
+          format_name(call.name),
           " ",
-          words(failure, call.expected),
+          format_failure(failure, call.expected),
           if(call.instead, do: ["; ", call.instead], else: []),
-          ". This is said at most once in ten minutes."
+          ". This is logged at most once in ten minutes."
         ])
   end
 
-  defp title({module, function, arity}), do: Exception.format_mfa(module, function, arity)
-  defp title(words), do: words
+  defp format_name({module, function, arity}), do: Exception.format_mfa(module, function, arity)
+  defp format_name(text), do: text
 
   @doc """
-  A failure in words.
+  Returns a failure as text that follows the name of the function.
 
-      iex> BB.Callback.words({:timeout, 1_000})
+      iex> BB.Callback.format_failure({:timeout, 1_000})
       "did not return within 1000 ms"
-      iex> BB.Callback.words({:returned, ":fast"}, "a number or nil")
+      iex> BB.Callback.format_failure({:returned, ":fast"}, "a number or nil")
       "was expected to return a number or nil, got: :fast"
   """
+  @spec format_failure(failure(), expected :: String.t() | nil) :: String.t()
+  def format_failure(failure, expected \\ nil)
+  def format_failure({:timeout, timeout_ms}, _), do: "did not return within #{timeout_ms} ms"
+  def format_failure(:no_clause, _), do: "has no clause for its arguments"
+  def format_failure({:returned, text}, nil), do: "returned #{text}"
+
+  def format_failure({:returned, text}, expected),
+    do: "was expected to return #{expected}, got: #{text}"
+
+  def format_failure({:raised, text}, _), do: "raised #{text}"
+  def format_failure({:threw, text}, _), do: "threw #{text}"
+  def format_failure({:exited, text}, _), do: "exited with #{text}"
+
+  @doc false
+  @deprecated "Use BB.Callback.format_failure/2"
   @spec words(failure(), expected :: String.t() | nil) :: String.t()
-  def words(failure, expected \\ nil)
-  def words({:timeout, timeout_ms}, _), do: "did not return within #{timeout_ms} ms"
-  def words(:no_clause, _), do: "has no clause for its arguments"
-  def words({:returned, shown}, nil), do: "returned #{shown}"
-
-  def words({:returned, shown}, expected),
-    do: "was expected to return #{expected}, got: #{shown}"
-
-  def words({:raised, shown}, _), do: "raised #{shown}"
-  def words({:threw, shown}, _), do: "threw #{shown}"
-  def words({:exited, shown}, _), do: "exited with #{shown}"
+  def words(failure, expected \\ nil), do: format_failure(failure, expected)
 
   @doc """
-  A term itself, or a sentence in its place where it cannot be shown: an exception whose message, or
-  a struct whose `Inspect`, throws or exits. For what others will show, the log above all: Erlang's
-  logger takes away a handler that fails at it. It runs in the calling process.
+  Returns the term, or an exception in its place if the term cannot be shown.
+
+  A term cannot be shown if it contains an exception whose message, or a struct whose `Inspect`
+  implementation, raises, throws or exits. Use it for terms that will be logged: Erlang's logger
+  removes a handler that fails at one. It runs in the calling process.
 
       iex> BB.Callback.showable(%RuntimeError{message: "no answer"})
       %RuntimeError{message: "no answer"}
@@ -175,13 +186,14 @@ defmodule BB.Callback do
     _ = inspect(term)
     term
   catch
-    _kind, _reason -> RuntimeError.exception("#{kind(term)} that cannot be shown")
+    _kind, _reason -> RuntimeError.exception("#{describe(term)} that cannot be shown")
   end
 
-  defp kind(%{__struct__: module}), do: inspect(module)
-  defp kind(_term), do: "a term"
+  defp describe(%{__struct__: module}), do: inspect(module)
+  defp describe(_term), do: "a term"
 
-  # The process between: it outlives neither the call nor the caller, and nothing outlives it.
+  # The process between caller and worker. It ends with the call or the caller, and ends the
+  # worker.
 
   @doc false
   def oversee(caller, work, timeout_ms) do
@@ -192,8 +204,8 @@ defmodule BB.Callback do
     outcome =
       receive do
         {^worker, outcome} -> outcome
-        {:EXIT, ^worker, reason} -> {:error, {:exited, plain(reason)}}
-        {:DOWN, ^monitor, :process, _pid, _reason} -> :nobody_waits
+        {:EXIT, ^worker, reason} -> {:error, {:exited, format_exit(reason)}}
+        {:DOWN, ^monitor, :process, _pid, _reason} -> :caller_ended
       after
         timeout_ms -> {:error, {:timeout, timeout_ms}}
       end
@@ -207,63 +219,66 @@ defmodule BB.Callback do
     {:max_heap_size, %{size: size, kill: true, error_logger: false}}
   end
 
-  defp plain(:killed),
-    do: ":killed: it was killed, or took more than #{div(@heap_bytes, 1_000_000)} MB"
+  defp format_exit(:killed),
+    do: ":killed (by another process, or for using over #{div(@heap_bytes, 1_000_000)} MB)"
 
-  # How a struct is shown may be code of others.
-  defp plain(reason), do: shown(reason, structs: false)
+  # The Inspect implementation of a struct may be user code.
+  defp format_exit(reason), do: format_term(reason, structs: false)
 
-  # The process of the call
+  # The worker, in which the function runs
 
   @doc false
-  def work(overseer, work), do: send(overseer, {self(), attempt(work)})
+  def work(overseer, work), do: send(overseer, {self(), apply_function(work)})
 
-  defp attempt({{module, function, arguments}, accept, partial?}) do
+  defp apply_function({{module, function, arguments}, accept, partial?}) do
     value = apply(module, function, arguments)
-    with :error <- accept.(value), do: {:error, {:returned, shown(value)}}
+    with :error <- accept.(value), do: {:error, {:returned, format_term(value)}}
   catch
     :error, :function_clause when partial? ->
-      {:error, unclaused(function, length(arguments), __STACKTRACE__)}
+      {:error, clause_failure(function, length(arguments), __STACKTRACE__)}
 
     :error, reason ->
-      {:error, {:raised, raised(reason, __STACKTRACE__)}}
+      {:error, {:raised, format_error(reason, __STACKTRACE__)}}
 
     :throw, value ->
-      {:error, {:threw, shown(value)}}
+      {:error, {:threw, format_term(value)}}
 
     :exit, reason ->
-      {:error, {:exited, shown(reason)}}
+      {:error, {:exited, format_term(reason)}}
   end
 
-  # Also when it hands on to a function of the same name.
-  defp unclaused(function, arity, [{_module, function, arguments, _} | _])
+  # Also if the function delegates to one of the same name.
+  defp clause_failure(function, arity, [{_module, function, arguments, _} | _])
        when length(arguments) == arity,
        do: :no_clause
 
-  defp unclaused(_function, _arity, stacktrace),
-    do: {:raised, raised(:function_clause, stacktrace)}
+  defp clause_failure(_function, _arity, stacktrace),
+    do: {:raised, format_error(:function_clause, stacktrace)}
 
-  # An exception's message, and how a term is shown, may be code of others too.
+  # The message of an exception and the Inspect implementation of a struct may be user code.
 
-  defp raised(reason, stacktrace) do
+  defp format_error(reason, stacktrace) do
     exception = Exception.normalize(:error, reason, stacktrace)
-    clip("#{inspect(exception.__struct__)}: #{Exception.message(exception)}") <> at(stacktrace)
+    text = "#{inspect(exception.__struct__)}: #{Exception.message(exception)}"
+    truncate(text) <> format_place(stacktrace)
   catch
-    _kind, _reason -> "an exception whose message cannot be had" <> at(stacktrace)
+    _kind, _reason -> "an exception whose message cannot be shown" <> format_place(stacktrace)
   end
 
-  defp at([{_, _, _, _} = entry | _]), do: " (#{clip(Exception.format_stacktrace_entry(entry))})"
-  defp at(_stacktrace), do: ""
+  defp format_place([{_, _, _, _} = entry | _]),
+    do: " (#{truncate(Exception.format_stacktrace_entry(entry))})"
 
-  defp shown(term, opts \\ []) do
-    term |> inspect([limit: 20, printable_limit: @longest_words] ++ opts) |> clip()
+  defp format_place(_stacktrace), do: ""
+
+  defp format_term(term, opts \\ []) do
+    term |> inspect([limit: 20, printable_limit: @longest_text] ++ opts) |> truncate()
   catch
     _kind, _reason -> "a term that cannot be shown"
   end
 
-  defp clip(text) do
-    if String.length(text) > @longest_words,
-      do: String.slice(text, 0, @longest_words) <> "…",
+  defp truncate(text) do
+    if String.length(text) > @longest_text,
+      do: String.slice(text, 0, @longest_text) <> "…",
       else: text
   end
 end

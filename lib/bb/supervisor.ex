@@ -128,7 +128,7 @@ defmodule BB.Supervisor do
 
     case Callback.call({module, :inhibition, []}, opts) do
       {:ok, reason} -> reason
-      {:error, failure} -> {:inhibition_failed, Callback.words(failure)}
+      {:error, failure} -> {:inhibition_failed, Callback.format_failure(failure)}
     end
   end
 

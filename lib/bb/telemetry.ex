@@ -1,24 +1,34 @@
 defmodule BB.Telemetry do
   @moduledoc """
-  What the robot's parts tell of themselves, to whoever wants to measure them.
+  Emits events with measurements, and calls the handlers attached to them.
 
-  The conventions are those of the `:telemetry` library: an event is a list of atoms, with a map of measurements and a map of
-  metadata; a handler is a function that runs in the process that emits, so it should be quick and send what takes longer to a
-  process of its own.
+  Attach a handler to measure a robot, such as the ticks that a loop skips; emit events from code
+  that others may want to measure:
 
-      BB.Telemetry.attach("slow-ticks", [:bb, :loop, :tick], &MyRobot.Watch.tick/4, nil)
+      iex> test = self()
+      iex> handler = fn _event, measurements, _metadata, _config -> send(test, measurements) end
+      iex> BB.Telemetry.attach("doc", [:my_robot, :grip], handler, nil)
+      :ok
+      iex> BB.Telemetry.emit([:my_robot, :grip], %{force: 2.5}, %{})
+      :ok
+      iex> receive do measurements -> measurements end
+      %{force: 2.5}
+      iex> BB.Telemetry.detach("doc")
+      :ok
 
-      def tick(_event, %{skipped: skipped}, metadata, _config) when skipped > 0, do: …
+  The conventions are those of the `:telemetry` library. An event is a list of atoms, with a map
+  of measurements and a map of metadata. A handler is a function that runs in the emitting
+  process, so it should be fast and leave long work to a process of its own.
 
-  A handler that fails is detached, and an error is logged: a measurement never breaks what it
-  measures. Captures of named functions are faster than anonymous ones.
+  A handler that fails is detached and the error is logged, so that a measurement never breaks
+  what it measures. Captures of named functions are faster than anonymous functions.
 
-  The events of the robot's own parts (`apart: true`) have handlers called in processes of their
-  own (`BB.Callback`), while the emitting process waits: one that hangs, or kills its process,
-  costs it a second, once. What a handler needs of the emitting process is in the metadata.
+  Handlers of the robot's own events (`apart: true`) run in processes of their own (`BB.Callback`)
+  while the emitting process waits. A handler that hangs or kills its process delays the emitting
+  one by a second, once. The metadata contains what a handler needs of the emitting process.
 
-  Events are also handed on to `:telemetry` when that library is loaded, so that a dashboard made for it sees them. An event
-  that nobody handles costs a look-up.
+  Events are also passed to `:telemetry` if that library is loaded, so that dashboards made for it
+  receive them. An event without handlers costs a lookup.
   """
 
   require Logger
@@ -33,23 +43,24 @@ defmodule BB.Telemetry do
   @type handler :: (event(), measurements(), metadata(), config() -> any())
 
   @index {__MODULE__, :index}
-  @turn :"BB.Telemetry turn"
+  @lock :"BB.Telemetry lock"
 
   @doc """
-  Calls `function` with the event, its measurements, its metadata and `config`, each time that the event is emitted.
+  Attaches a handler to an event.
 
-  `{:error, :already_exists}` when there is a handler with this id.
+  Each time the event is emitted, `function` is called with the event, its measurements, its
+  metadata and `config`. Returns `{:error, :already_exists}` if a handler has this id already.
   """
   @spec attach(handler_id(), event(), handler(), config()) :: :ok | {:error, :already_exists}
   def attach(id, event, function, config), do: attach_many(id, [event], function, config)
 
-  @doc "Like `attach/4`, for several events at once, under one id."
+  @doc "Attaches a handler as `attach/4` does, to several events under one id."
   @spec attach_many(handler_id(), [event()], handler(), config()) ::
           :ok | {:error, :already_exists}
   def attach_many(id, events, function, config) when is_function(function, 4) do
     Enum.each(events, &check_event!/1)
 
-    changing(fn index ->
+    update_index(fn index ->
       if is_map_key(index, id) do
         {:error, :already_exists}
       else
@@ -61,13 +72,13 @@ defmodule BB.Telemetry do
 
   def attach_many(_id, _events, function, _config) do
     raise ArgumentError,
-          "a telemetry handler is a function of 4 arguments, got: #{inspect(function)}"
+          "expected a function of 4 arguments as telemetry handler, got: #{inspect(function)}"
   end
 
-  @doc "Removes a handler. `{:error, :not_found}` when there is none with this id."
+  @doc "Removes a handler. Returns `{:error, :not_found}` if no handler has this id."
   @spec detach(handler_id()) :: :ok | {:error, :not_found}
   def detach(id) do
-    changing(fn index ->
+    update_index(fn index ->
       case Map.pop(index, id) do
         {nil, _} ->
           {:error, :not_found}
@@ -80,27 +91,32 @@ defmodule BB.Telemetry do
   end
 
   @doc """
-  Emits an event: calls its handlers, one after the other, in the calling process.
+  Emits an event: calls its handlers one after the other in the calling process.
 
-  With `apart: true` each is called in a process of its own and has a second for it: for processes
-  on which others depend.
+  With `apart: true` each handler runs in a process of its own, for a second at most. Use it in
+  processes on which others depend.
   """
   @spec emit(event(), measurements(), metadata(), apart: boolean()) :: :ok
   def emit(event, measurements, metadata \\ %{}, opts \\ [])
       when is_map(measurements) and is_map(metadata) do
     call = if opts[:apart], do: &call_apart/2, else: &call/2
     for handler <- handlers(event), do: call.(handler, [event, measurements, metadata])
-    hand_on([event, measurements, metadata], opts[:apart])
+    forward([event, measurements, metadata], opts[:apart])
   end
 
   @doc """
-  Runs `function` and tells of its beginning and its end.
+  Runs `function` and emits events at its start and its end.
 
-  `function` returns `{result, stop_metadata}` or `{result, measurements, stop_metadata}`, and `span/3` returns the result. The
-  events are `prefix ++ [:start]` with `monotonic_time` and `system_time`, and `prefix ++ [:stop]`, or `prefix ++ [:exception]`
-  when the function raises, throws or exits, with `duration` and `monotonic_time`, all in native units. The metadata of all of
-  them has a `telemetry_span_context`, the same for one call; an exception's has `kind`, `reason` and `stacktrace`.
-  Options are those of `emit/4`.
+  `function` returns `{result, stop_metadata}` or `{result, measurements, stop_metadata}`, and
+  `span/3` returns the result. The events are:
+
+    * `prefix ++ [:start]` with `monotonic_time` and `system_time`
+    * `prefix ++ [:stop]`, or `prefix ++ [:exception]` if the function raises, throws or exits,
+      with `duration` and `monotonic_time`
+
+  All times are in native units. The metadata of all events has a `telemetry_span_context`, the
+  same for one call. That of an exception has `kind`, `reason` and `stacktrace`. The options are
+  those of `emit/4`.
   """
   @spec span(
           event(),
@@ -128,12 +144,12 @@ defmodule BB.Telemetry do
         emit(prefix ++ [:exception], since(start), Map.merge(metadata, error), opts)
         :erlang.raise(kind, reason, __STACKTRACE__)
     else
-      {result, stop} -> stop(prefix, start, %{}, metadata, stop, opts, result)
-      {result, more, stop} -> stop(prefix, start, more, metadata, stop, opts, result)
+      {result, stop} -> emit_stop(prefix, start, %{}, metadata, stop, opts, result)
+      {result, more, stop} -> emit_stop(prefix, start, more, metadata, stop, opts, result)
     end
   end
 
-  defp stop(prefix, start, more, metadata, stop_metadata, opts, result) do
+  defp emit_stop(prefix, start, more, metadata, stop_metadata, opts, result) do
     measurements = Map.merge(more, since(start))
     context = Map.take(metadata, [:telemetry_span_context])
     emit(prefix ++ [:stop], measurements, Map.merge(context, stop_metadata), opts)
@@ -145,57 +161,60 @@ defmodule BB.Telemetry do
     %{duration: now - start, monotonic_time: now}
   end
 
-  # In the emitting process
+  # Handlers in the emitting process
 
   defp call({id, function, config}, [event | _] = arguments) do
     apply(function, arguments ++ [config])
   catch
-    kind, reason -> dismiss(id, event, Exception.format(kind, reason, __STACKTRACE__))
+    kind, reason -> detach_failed(id, event, Exception.format(kind, reason, __STACKTRACE__))
   end
 
-  # In a process of the call
+  # Handlers in processes of their own
 
   defp call_apart({id, function, config}, [event | _] = arguments) do
     call = {:erlang, :apply, [function, arguments ++ [config]]}
 
-    with {:error, failure} <- Callback.call(call, accept: &done/1, remember: false, quiet: true),
-         do: dismiss(id, event, "it " <> Callback.words(failure))
+    opts = [accept: &accept_any/1, remember: false, quiet: true]
+
+    with {:error, failure} <- Callback.call(call, opts),
+         do: detach_failed(id, event, "the handler " <> Callback.format_failure(failure))
   end
 
-  defp done(_whatever), do: {:ok, :done}
+  defp accept_any(_result), do: {:ok, :done}
 
-  defp dismiss(id, event, why) do
+  defp detach_failed(id, event, reason) do
     with :ok <- detach(id) do
       Logger.error(
-        "The telemetry handler #{inspect(id)} failed at #{inspect(event)} and is detached: #{why}"
+        "Telemetry handler #{inspect(id)} failed at #{inspect(event)} and was detached: #{reason}"
       )
     end
   end
 
-  # Called by name, because the library need not be there.
-  defp hand_on(arguments, apart?) do
+  # The library may be missing, so it is called by name.
+  defp forward(arguments, apart?) do
     if :erlang.function_exported(:telemetry, :execute, 3), do: execute(arguments, apart?)
     :ok
   end
 
   defp execute(arguments, true) do
     Callback.call({:telemetry, :execute, arguments},
-      accept: &done/1,
-      instead: "some of its handlers have not got the event"
+      accept: &accept_any/1,
+      instead: "some :telemetry handlers did not get the event"
     )
   end
 
-  defp execute(arguments, _here), do: apply(:telemetry, :execute, arguments)
+  defp execute(arguments, _apart?), do: apply(:telemetry, :execute, arguments)
 
   defp handlers(event), do: :persistent_term.get({__MODULE__, event}, [])
 
   defp put(event, []), do: :persistent_term.erase({__MODULE__, event})
   defp put(event, handlers), do: :persistent_term.put({__MODULE__, event}, handlers)
 
-  # One change at a time: handlers come and go seldom, and reading them takes no lock. Who has the
-  # name makes its change; the others wait for its end, so that no crash and no delay keeps it.
-  defp changing(change) do
-    {_pid, monitor} = spawn_monitor(fn -> exit({__MODULE__, change(change)}) end)
+  # Changes of handlers are rare and made one at a time; reading takes no lock. A process of its
+  # own makes the change while it holds a registered name. Others wait for its end, so that
+  # neither a crash nor a delay of the caller keeps the name.
+  defp update_index(update) do
+    {_pid, monitor} = spawn_monitor(fn -> exit({__MODULE__, update_locked(update)}) end)
 
     receive do
       {:DOWN, ^monitor, :process, _pid, {__MODULE__, result}} -> result
@@ -203,27 +222,28 @@ defmodule BB.Telemetry do
     end
   end
 
-  defp change(change) do
-    if first?(), do: change.(:persistent_term.get(@index, %{})), else: change_after(change)
+  defp update_locked(update) do
+    if lock?(), do: update.(:persistent_term.get(@index, %{})), else: await_lock(update)
   end
 
-  defp change_after(change) do
-    monitor = Process.monitor(@turn)
-    receive do: ({:DOWN, ^monitor, :process, _holder, _reason} -> change(change))
+  defp await_lock(update) do
+    monitor = Process.monitor(@lock)
+    receive do: ({:DOWN, ^monitor, :process, _holder, _reason} -> update_locked(update))
   end
 
-  defp first? do
-    Process.register(self(), @turn)
+  defp lock? do
+    Process.register(self(), @lock)
   rescue
     ArgumentError -> false
   end
 
   defp check_event!([_ | _] = event) do
-    if Enum.all?(event, &is_atom/1), do: :ok, else: refuse_event(event)
+    if Enum.all?(event, &is_atom/1), do: :ok, else: raise_event(event)
   end
 
-  defp check_event!(event), do: refuse_event(event)
+  defp check_event!(event), do: raise_event(event)
 
-  defp refuse_event(event),
-    do: raise(ArgumentError, "a telemetry event is a list of atoms, got: #{inspect(event)}")
+  defp raise_event(event),
+    do:
+      raise(ArgumentError, "expected a telemetry event, a list of atoms, got: #{inspect(event)}")
 end

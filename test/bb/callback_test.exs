@@ -230,8 +230,8 @@ defmodule BB.CallbackTest do
     test "is left to the caller to say, where it is quiet" do
       name = "a quiet callback #{System.unique_integer()}"
       call(fn -> raise "boom" end, name: name, quiet: true)
-      assert Failures.news?(name)
-      refute Failures.news?(name)
+      assert Failures.log?(name)
+      refute Failures.log?(name)
     end
   end
 end

@@ -5,6 +5,8 @@ defmodule BB.TelemetryTest do
 
   alias BB.Telemetry
 
+  doctest BB.Telemetry
+
   setup do
     unique = :"event#{System.unique_integer([:positive])}"
     %{event: [:bb, :test, unique], id: unique}
@@ -79,7 +81,7 @@ defmodule BB.TelemetryTest do
     log = capture_log(fn -> assert Telemetry.emit(event, %{}) == :ok end)
 
     assert log =~
-             "The telemetry handler #{inspect(id)} failed at #{inspect(event)} and is detached"
+             "Telemetry handler #{inspect(id)} failed at #{inspect(event)} and was detached"
 
     assert log =~ "out of order"
 
@@ -135,7 +137,7 @@ defmodule BB.TelemetryTest do
             |> Task.await_many(60_000)
           end)
 
-        assert [_, _] = String.split(log, "The telemetry handler #{inspect(name)} failed")
+        assert [_, _] = String.split(log, "Telemetry handler #{inspect(name)} failed")
         assert_received {^event, _, _}
         assert Telemetry.detach(name) == {:error, :not_found}
       end
@@ -170,7 +172,7 @@ defmodule BB.TelemetryTest do
   end
 
   test "wrong handlers and events raise", %{event: event, id: id} do
-    assert_raise ArgumentError, ~r/a function of 4 arguments/, fn ->
+    assert_raise ArgumentError, ~r/expected a function of 4 arguments/, fn ->
       Telemetry.attach(id, event, fn -> 1 end, nil)
     end
 

@@ -1,17 +1,21 @@
 defmodule BB.Callback.Failures do
   @moduledoc """
-  What `BB.Callback` remembers of functions that failed: which did not return, and of which it was
-  said.
+  The failures that `BB.Callback` remembers: the functions that exceeded their time limit, and
+  those whose failure was logged.
 
-  A table that belongs to the process that calls `create/0`: the application's own. Without it
-  nothing is remembered.
+  `BB.Callback` asks it before it calls a function, and before it logs a failure:
+
+      Failures.hung?({MyRobot.Driver, :explain, 1})
+
+  The table belongs to the process that calls `create/0`, that of the application. Without the
+  table, no failure is remembered.
   """
 
   @table __MODULE__
-  @avoid_ms 60_000
-  @quiet_ms 600_000
+  @hung_ms 60_000
+  @log_interval_ms 600_000
 
-  @doc "Makes the table, unless it is there."
+  @doc "Creates the table if it does not exist."
   @spec create() :: :ok
   def create do
     if :ets.whereis(@table) == :undefined,
@@ -20,47 +24,46 @@ defmodule BB.Callback.Failures do
     :ok
   end
 
-  @doc "Whether a function did not return when it was called in the last minute."
+  @doc "Returns whether a function exceeded its time limit within the last minute."
   @spec hung?(BB.Callback.name()) :: boolean()
   def hung?(name) do
     :ets.lookup_element(@table, {:hung, name}, 2) > now_ms()
   rescue
-    # It is not in the table, or there is none.
+    # The function or the table does not exist.
     ArgumentError -> false
   end
 
-  @doc "Remembers that a function did not return."
+  @doc "Remembers that a function exceeded its time limit."
   @spec put_hung(BB.Callback.name()) :: true
   def put_hung(name) do
-    :ets.insert(@table, {{:hung, name}, now_ms() + @avoid_ms})
+    :ets.insert(@table, {{:hung, name}, now_ms() + @hung_ms})
   rescue
     ArgumentError -> true
   end
 
-  @doc "Whether a function's failure is to be said: true for one caller in ten minutes."
-  @spec news?(BB.Callback.name()) :: boolean()
-  def news?(name) do
+  @doc "Returns whether to log a function's failure: `true` for one caller in ten minutes."
+  @spec log?(BB.Callback.name()) :: boolean()
+  def log?(name) do
     now_ms = now_ms()
-    until_ms = now_ms + @quiet_ms
-    :ets.insert_new(@table, {{:said, name}, until_ms}) or said_anew?(name, now_ms, until_ms)
+    until_ms = now_ms + @log_interval_ms
+    :ets.insert_new(@table, {{:logged, name}, until_ms}) or renew?(name, now_ms, until_ms)
   rescue
     ArgumentError -> true
   end
 
-  # One caller alone replaces what has run out.
-  defp said_anew?(name, now_ms, until_ms) do
-    row = {{{:const, {:said, name}}, until_ms}}
-    over = {{{:said, name}, :"$1"}, [{:"=<", :"$1", now_ms}], [row]}
-    :ets.select_replace(@table, [over]) == 1
+  # Of several callers, one replaces an expired row.
+  defp renew?(name, now_ms, until_ms) do
+    row = {{{:const, {:logged, name}}, until_ms}}
+    expired = {{{:logged, name}, :"$1"}, [{:"=<", :"$1", now_ms}], [row]}
+    :ets.select_replace(@table, [expired]) == 1
   end
 
   @doc """
-  Forgets a function's failures, so that the next one is new: for its tests, and once it was
-  mended.
+  Forgets the failures of a function, so that its next one is logged. Tests use it.
   """
   @spec forget(BB.Callback.name()) :: :ok
   def forget(name) do
-    for kind <- [:hung, :said], do: :ets.delete(@table, {kind, name})
+    for kind <- [:hung, :logged], do: :ets.delete(@table, {kind, name})
     :ok
   rescue
     ArgumentError -> :ok

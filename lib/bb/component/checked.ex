@@ -37,7 +37,7 @@ defmodule BB.Component.Checked do
   defp await(call) do
     case Callback.await(call) do
       {:ok, checked} -> checked
-      {:error, failure} -> {:error, {:unchecked_options, Callback.words(failure)}}
+      {:error, failure} -> {:error, {:unchecked_options, Callback.format_failure(failure)}}
     end
   end
 end
