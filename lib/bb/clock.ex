@@ -1,34 +1,39 @@
 defmodule BB.Clock do
   @moduledoc """
-  The time that a robot's loops and its simulated hardware go by: that of the machine, or one that a test steps
-  (`BB.Clock.Stepped`).
+  The clock of a robot: the machine's, or one that a test steps (`BB.Clock.Stepped`).
 
-      clock = BB.Clock.of(robot)
-      timer = BB.Clock.send_at(clock, BB.Clock.now_ns(clock) + 10_000_000, self(), :due)
+  A robot's loops and its simulated hardware use it, so that a test can control their time. Code
+  that waits or schedules on a robot's behalf uses it too:
 
-  Times are nanoseconds of one monotonic clock; only differences mean something.
+      iex> clock = BB.Clock.of(DocRobot)
+      iex> _timer = BB.Clock.send_at(clock, BB.Clock.now_ns(clock) + 2_000_000, self(), :due)
+      iex> receive do :due -> :ok end
+      :ok
+
+  Times are nanoseconds of a monotonic clock; only their differences have a meaning.
   """
   alias BB.Clock.Stepped
 
-  @typedoc "A clock. Anyone may use it, from any process."
+  @typedoc "A clock, which every process may use."
   @type t :: :real | Stepped.t()
 
-  @typedoc "A message to come."
+  @typedoc "A message that is scheduled."
   @opaque timer :: reference() | Stepped.timer()
 
-  @doc "The robot's clock: `:real` unless a `BB.Clock.Stepped` was started for it."
+  @doc "Returns the robot's clock: `:real` unless a `BB.Clock.Stepped` was started for it."
   @spec of(module()) :: t()
   def of(robot), do: :persistent_term.get({__MODULE__, robot}, :real)
 
-  @doc "The time now."
+  @doc "Returns the time now."
   @spec now_ns(t()) :: integer()
   def now_ns(:real), do: System.monotonic_time(:nanosecond)
   def now_ns(%Stepped{} = clock), do: Stepped.now_ns(clock)
 
   @doc """
-  Sends `message` to `pid` at a time, or at once if that has passed.
+  Sends `message` to `pid` at the given time, or at once if that has passed.
 
-  The machine's timers have a resolution of one millisecond: a message comes up to that much after its time, never before it.
+  The machine's timers have a resolution of one millisecond: a message is sent up to a millisecond
+  after its time, never before it.
   """
   @spec send_at(t(), integer(), pid(), term()) :: timer()
   def send_at(:real, time_ns, pid, message),
@@ -37,12 +42,15 @@ defmodule BB.Clock do
   def send_at(%Stepped{} = clock, time_ns, pid, message),
     do: Stepped.send_at(clock, time_ns, pid, message)
 
-  @doc "Takes a message back: whether it was still to come."
+  @doc "Cancels a message. Returns whether it had not been sent yet."
   @spec cancel(t(), timer()) :: boolean()
   def cancel(:real, timer), do: :erlang.cancel_timer(timer) != false
   def cancel(%Stepped{} = clock, timer), do: Stepped.cancel(clock, timer)
 
-  @doc "Takes a message to the calling process back, out of its mailbox too where it has come already."
+  @doc """
+  Cancels a message to the calling process, and removes it from its mailbox if it was sent
+  already.
+  """
   @spec recall(t(), timer(), term()) :: :ok
   def recall(clock, timer, message) do
     if not cancel(clock, timer) do

@@ -1,14 +1,15 @@
 defmodule BB.Errno do
   @moduledoc """
-  Puts the numbers of Linux's system errors into words. For the sentences that a person reads:
-  reasons keep the number.
+  The texts and names of Linux's system errors.
 
-      iex> BB.Errno.words(28)
+  Use it for messages that a person reads. Error reasons keep the number:
+
+      iex> BB.Errno.message(28)
       "no space left on device"
   """
 
-  # errno-base.h and the part of errno.h that files, devices and shared memory give. The numbers are
-  # those of all machines but MIPS and SPARC.
+  # From errno-base.h, and from errno.h the errors of files, devices and shared memory. The
+  # numbers are the same on all machines except MIPS and SPARC.
   @names %{
     1 => :eperm,
     2 => :enoent,
@@ -49,23 +50,28 @@ defmodule BB.Errno do
   }
 
   @doc """
-  An errno in words, or its number when it has none here.
+  Returns the text of an errno, or its number if it is not a known one.
 
-      iex> BB.Errno.words(13)
+      iex> BB.Errno.message(13)
       "permission denied"
-      iex> BB.Errno.words(9_999)
+      iex> BB.Errno.message(9_999)
       "errno 9999"
   """
-  @spec words(integer()) :: String.t()
-  def words(errno) do
+  @spec message(integer()) :: String.t()
+  def message(errno) do
     case fetch(errno) do
-      {:ok, words} -> words
+      {:ok, text} -> text
       :error -> "errno #{errno}"
     end
   end
 
+  @doc false
+  @deprecated "Use BB.Errno.message/1"
+  @spec words(integer()) :: String.t()
+  def words(errno), do: message(errno)
+
   @doc """
-  An errno in words, where it has some.
+  Returns the text of an errno as `{:ok, text}`, or `:error` if it is not a known one.
 
       iex> BB.Errno.fetch(13)
       {:ok, "permission denied"}
@@ -79,7 +85,7 @@ defmodule BB.Errno do
   end
 
   @doc """
-  The name of an errno as Erlang's, `:unknown` when it has none here.
+  Returns the name of an errno as Erlang names it, or `:unknown` if it is not a known one.
 
       iex> BB.Errno.name(13)
       :eacces

@@ -1,8 +1,9 @@
 defmodule BB.Loop do
   @moduledoc """
-  Ticks at a set rate, without drift.
+  A timer that ticks at a fixed rate without drift.
 
-  A process that samples at a rate arms a loop and is sent `:tick`:
+  Use it in a process that samples at a rate, such as a controller. A polled sensor has one
+  already (`BB.Sensor.Polled`). The process arms the loop and receives `:tick`:
 
       def init(opts) do
         loop = BB.Loop.new(opts[:bb], clock: {:rate, ~u(100 hertz)}) |> BB.Loop.arm()
@@ -15,27 +16,30 @@ defmodule BB.Loop do
         {:noreply, %{state | loop: loop}}
       end
 
-  Deadlines are absolute and kept in nanoseconds: tick n is due n periods after `arm/1`, however late the ticks before it
-  were handled. A handler that takes longer than a period is not sent ticks in a burst: what it missed is skipped and counted.
+  Deadlines are absolute and kept in nanoseconds: tick n is due n periods after `arm/1`, however
+  late earlier ticks were handled. A handler that takes longer than a period does not get a burst
+  of ticks afterwards: the missed ones are skipped and counted.
 
-  The runtime's timers have a resolution of one millisecond. A tick comes up to that much after its deadline, never before
-  it, and above 1 kHz some are skipped. A robot in a test may have a clock that is stepped (`BB.Clock.Stepped`).
+  The runtime's timers have a resolution of one millisecond. A tick arrives up to a millisecond
+  after its deadline, never before it, and above 1 kHz some ticks are skipped. In a test, a robot
+  may have a clock that the test advances (`BB.Clock.Stepped`).
 
-  With `clock: :external` nothing is sent; the loop measures and counts ticks that come from elsewhere, an interrupt or another
-  sensor's messages: call `tick/1` when one comes, or `observe/2` when it is known at what time it was.
+  With `clock: :external` the loop sends no ticks. It measures and counts ticks from another
+  origin, such as an interrupt or the messages of another sensor: call `tick/1` when one arrives,
+  or `observe/2` when its time is known.
 
-  Each tick emits the telemetry event `[:bb, :loop, :tick]` with the measurements `:dt_ns` (`nil` at the first), `:late_ns` and
-  `:skipped`, and the metadata `:robot` and `:path`.
+  Each tick emits the telemetry event `[:bb, :loop, :tick]` with the measurements `:dt_ns` (`nil`
+  at the first tick), `:late_ns` and `:skipped`, and the metadata `:robot` and `:path`.
 
   ## Fields
 
-    * `:bb` - whose loop it is, `%{robot: R, path: path}`
-    * `:clock` - as given
-    * `:period_ns` - `nil` with an external clock
-    * `:deadline_ns` - when the next tick is due, in monotonic time; `nil` when not armed
-    * `:last_ns` - when the last tick was
+    * `:bb` - the owner, `%{robot: robot, path: path}`
+    * `:clock` - the clock given to `new/2`
+    * `:period_ns` - the period; `nil` with an external clock
+    * `:deadline_ns` - the time of the next tick, in monotonic time; `nil` when not armed
+    * `:last_ns` - the time of the last tick
     * `:tick_ref` - the timer; `nil` when not armed
-    * `:ticks`, `:skipped` - how many there were, and how many were missed, since `new/2`
+    * `:ticks`, `:skipped` - the number of ticks, and of missed ones, since `new/2`
   """
 
   alias BB.{Clock, Message, Telemetry, Unit}
@@ -57,15 +61,19 @@ defmodule BB.Loop do
         }
 
   @doc """
-  A loop that is not armed yet.
+  Creates a loop that is not armed.
 
-  The rate is a quantity such as `~u(100 hertz)`, or a number of hertz, above zero. Anything else raises `ArgumentError`.
+  The rate is a quantity such as `~u(100 hertz)`, or a number of hertz, above zero. Anything else
+  raises `ArgumentError`.
+
+      iex> BB.Loop.new(%{robot: MyRobot, path: [:sensor, :imu]}, clock: {:rate, 100}).period_ns
+      10000000
   """
   @spec new(%{robot: module(), path: [atom()]}, clock: clock()) :: t()
   def new(bb, opts) do
     case Keyword.validate!(opts, [:clock]) do
       [clock: clock] -> %__MODULE__{bb: bb, clock: clock, period_ns: period_ns(clock)}
-      [] -> raise ArgumentError, "a loop needs clock: {:rate, hertz} or clock: :external"
+      [] -> raise ArgumentError, "expected the option clock: {:rate, hertz} or clock: :external"
     end
   end
 
@@ -77,22 +85,23 @@ defmodule BB.Loop do
   defp period_ns({:rate, %Unit{} = rate} = clock) do
     case Unit.convert(rate, :hertz) do
       {:ok, %Unit{value: hertz}} when hertz > 0 -> period_ns({:rate, hertz})
-      _ -> refuse(clock)
+      _ -> raise_clock(clock)
     end
   end
 
-  defp period_ns(clock), do: refuse(clock)
+  defp period_ns(clock), do: raise_clock(clock)
 
-  defp refuse(clock) do
+  defp raise_clock(clock) do
     raise ArgumentError,
-          "expected a clock of {:rate, hertz}, with a number above zero or a frequency such as ~u(100 hertz), " <>
-            "or :external, got: #{inspect(clock)}"
+          "expected :external or {:rate, hertz} as clock, with a number above zero or a " <>
+            "frequency such as ~u(100 hertz), got: #{inspect(clock)}"
   end
 
   @doc """
-  Sends the calling process `:tick` after a period, and after each period from then on while `tick/1` is called for each.
+  Arms the loop: the calling process gets `:tick` after one period.
 
-  A loop that is armed already stays as it is, and so does one with an external clock.
+  The process gets further ticks as long as it calls `tick/1` for each. A loop that is armed
+  already or has an external clock does not change.
   """
   @spec arm(t()) :: t()
   def arm(%__MODULE__{period_ns: period_ns, tick_ref: nil} = loop) when is_integer(period_ns),
@@ -101,17 +110,18 @@ defmodule BB.Loop do
   def arm(%__MODULE__{} = loop), do: loop
 
   @doc """
-  Takes a tick: `{dt_seconds, skipped, loop}`.
+  Handles a tick and arms the next one. Returns `{dt_seconds, skipped, loop}`.
 
-  `dt_seconds` is the time since the last tick, `nil` at the first; `skipped` is how many deadlines were missed since then.
-  The next tick is armed.
+  `dt_seconds` is the time since the last tick, `nil` at the first one. `skipped` is the number of
+  deadlines missed since then.
   """
   @spec tick(t()) :: {float() | nil, non_neg_integer(), t()}
   def tick(%__MODULE__{} = loop), do: observe(loop, now_ns(loop))
 
   @doc """
-  Like `tick/1`, for a tick at a time that is known: a monotonic time in nanoseconds, or a message, whose `monotonic_time`
-  counts.
+  Handles a tick as `tick/1` does, for a tick at a known time.
+
+  The time is a monotonic time in nanoseconds, or the `monotonic_time` of the given message.
   """
   @spec observe(t(), integer() | Message.t()) :: {float() | nil, non_neg_integer(), t()}
   def observe(%__MODULE__{} = loop, %Message{monotonic_time: time_ns}), do: observe(loop, time_ns)
@@ -128,7 +138,7 @@ defmodule BB.Loop do
     {dt_ns && dt_ns / 1_000_000_000, skipped, loop}
   end
 
-  @doc "Stops the ticks. One that is in the mailbox already is taken out of it."
+  @doc "Stops the ticks, and removes one that is in the mailbox already."
   @spec cancel(t()) :: t()
   def cancel(%__MODULE__{tick_ref: nil} = loop), do: loop
 
@@ -137,7 +147,7 @@ defmodule BB.Loop do
     %{loop | tick_ref: nil, deadline_ns: nil}
   end
 
-  # Before its deadline a tick misses nothing, and the one that is armed still comes.
+  # A tick before its deadline misses none, and the armed tick still arrives.
 
   defp missed(%{deadline_ns: nil}, _time_ns), do: 0
 

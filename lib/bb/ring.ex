@@ -170,7 +170,7 @@ defmodule BB.Ring do
         "remove topics that nobody uses, or mount it with a larger size"
 
   def format_error({:system, path, operation, errno}),
-    do: "#{path}: #{operation} failed: #{BB.Errno.words(errno)}"
+    do: "#{path}: #{operation} failed: #{BB.Errno.message(errno)}"
 
   def format_error({:other_content, 0}),
     do: "the topic does not say what its messages are (it has no content tag)"

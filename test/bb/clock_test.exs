@@ -4,6 +4,9 @@ defmodule BB.ClockTest do
   alias BB.{Clock, Loop}
   alias BB.Clock.Stepped
 
+  doctest BB.Clock
+  doctest BB.Clock.Stepped
+
   defmodule Ticker do
     use GenServer
 

@@ -6,6 +6,8 @@ defmodule BB.LoopTest do
 
   alias BB.Loop
 
+  doctest BB.Loop
+
   @bb %{robot: BB.LoopTest.Robot, path: [:base, :imu]}
   @period 1_000_000
 
@@ -39,7 +41,7 @@ defmodule BB.LoopTest do
       assert error.message =~ "got: #{inspect(clock)}"
     end
 
-    assert_raise ArgumentError, ~r/needs clock:/, fn -> Loop.new(@bb, []) end
+    assert_raise ArgumentError, ~r/expected the option clock:/, fn -> Loop.new(@bb, []) end
   end
 
   test "an armed loop sends :tick to the caller, never before its deadline" do

@@ -81,7 +81,7 @@ defmodule BB.Bus.Linux do
     if Error.no_rights?(error),
       do: Rights.explain(path(name)),
       else:
-        "#{path(name)} cannot be used as an I2C bus: #{BB.Errno.words(errno)}; name another one"
+        "#{path(name)} cannot be used as an I2C bus: #{BB.Errno.message(errno)}; name another one"
   end
 
   def explain(name, error),

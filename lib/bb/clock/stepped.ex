@@ -1,18 +1,25 @@
 defmodule BB.Clock.Stepped do
   @moduledoc """
-  A clock that stands still until it is stepped: a minute of a robot's life in a moment, and the same each time.
+  A clock that stands still until a test advances it.
 
-      {:ok, _} = BB.Clock.Stepped.start_link(robot: MyRobot)
-      {:ok, _} = BB.Bus.Sim.start_link(buses: %{"i2c-1" => [devices: devices, clock: BB.Clock.of(MyRobot)]})
-      {:ok, _} = MyRobot.start_link()
-      …
-      :ok = BB.Clock.Stepped.advance(MyRobot, 60_000_000_000)
+  Use it in tests of loops and simulated devices: a minute passes in a moment, and every run is
+  the same.
 
-  It must be started before the robot, whose loops take it from `BB.Clock.of/1`. What is not a loop keeps the machine's time: the
-  waits of a driver's `init`, restarts, `max_silence`, and the stamps of messages.
+      iex> {:ok, _pid} = BB.Clock.Stepped.start_link(robot: SteppedRobot)
+      iex> clock = BB.Clock.of(SteppedRobot)
+      iex> start_ns = BB.Clock.now_ns(clock)
+      iex> BB.Clock.Stepped.advance(SteppedRobot, 60_000_000_000)
+      :ok
+      iex> BB.Clock.now_ns(clock) - start_ns
+      60000000000
 
-  Messages that are due are sent one after the other in the order of their times, each to a process that has nothing else to do: a
-  step waits until the receiver of one has handled it before it sends the next.
+  Start it before the robot, whose loops get it from `BB.Clock.of/1`. Give a simulated bus the
+  same clock: `BB.Bus.Sim.start_link(buses: %{"i2c-1" => [devices: devices, clock: clock]})`.
+  Everything else uses the machine's time: waits in a driver's `init`, restarts, `max_silence`,
+  and the time stamps of messages.
+
+  Messages that are due are sent one after the other in the order of their times. Before the clock
+  sends the next message, it waits until the receiver has handled the last one.
   """
   use GenServer
   use BB.Process.Tolerant
@@ -22,12 +29,16 @@ defmodule BB.Clock.Stepped do
 
   @type t :: %__MODULE__{now: :atomics.atomics_ref(), timers: :ets.table()}
 
-  @typedoc "A message to come: its time, and its place among those of the same time."
+  @typedoc "A scheduled message: its time, and its order among those of the same time."
   @type timer :: {time_ns :: integer(), order :: integer()}
 
-  @settle_ms 60_000
+  @idle_timeout_ms 60_000
 
-  @doc "Starts a clock for `robot:`, at the machine's time, linked to the caller. The robot has the machine's again when it ends."
+  @doc """
+  Starts a clock for the robot `robot:` at the machine's time, linked to the caller.
+
+  When it ends, the robot has the machine's clock again.
+  """
   @spec start_link(robot: module()) :: GenServer.on_start()
   def start_link(opts) do
     [robot: robot] = Keyword.validate!(opts, [:robot])
@@ -35,20 +46,21 @@ defmodule BB.Clock.Stepped do
   end
 
   @doc """
-  Lets `duration_ns` nanoseconds pass for a robot, and returns when everything that was due has been handled.
+  Advances a robot's clock by `duration_ns` nanoseconds.
 
-  `settle:` names processes that are waited for too, before the first message and after each, in their order: those that get messages from others than
-  the clock.
+  Returns when the receivers have handled every message that was due. The option `settle:` lists
+  further processes to wait for, before the first message and after each, in the order given:
+  those that get messages from processes other than the clock.
 
-  Raises `ArgumentError` when the robot's clock is real. A receiver that does not come back within #{div(@settle_ms, 1000)} s ends the caller
-  with the exit of `:sys.get_state/1`.
+  Raises `ArgumentError` when the robot's clock is not a stepped one. A receiver that does not
+  answer within #{div(@idle_timeout_ms, 1000)} s makes the caller exit as a call of `:sys` does.
   """
   @spec advance(module(), non_neg_integer(), settle: [pid()]) :: :ok
   def advance(robot, duration_ns, opts \\ []) when is_integer(duration_ns) and duration_ns >= 0 do
     [settle: settle] = Keyword.validate!(opts, settle: [])
     clock = stepped!(robot)
-    Enum.each(settle, &settle/1)
-    run(clock, now_ns(clock) + duration_ns, settle)
+    Enum.each(settle, &await_idle/1)
+    run_until(clock, now_ns(clock) + duration_ns, settle)
   end
 
   @doc false
@@ -69,17 +81,21 @@ defmodule BB.Clock.Stepped do
 
   defp stepped!(robot) do
     case BB.Clock.of(robot) do
-      %__MODULE__{} = clock -> clock
-      :real -> raise ArgumentError, "#{inspect(robot)} has no stepped clock: start one before it"
+      %__MODULE__{} = clock ->
+        clock
+
+      :real ->
+        raise ArgumentError,
+              "robot #{inspect(robot)} has no stepped clock; start one before the robot"
     end
   end
 
-  defp run(clock, until_ns, settle) do
+  defp run_until(clock, until_ns, settle) do
     case :ets.first(clock.timers) do
       {time_ns, _order} = timer when time_ns <= until_ns ->
         set(clock, time_ns)
         clock.timers |> :ets.take(timer) |> deliver(settle)
-        run(clock, until_ns, settle)
+        run_until(clock, until_ns, settle)
 
       _none_or_later ->
         set(clock, until_ns)
@@ -88,17 +104,17 @@ defmodule BB.Clock.Stepped do
 
   defp set(clock, time_ns), do: :atomics.put(clock.now, 1, max(time_ns, now_ns(clock)))
 
-  # Somebody may have taken it back at the last moment.
+  # The message may have been cancelled at the last moment.
   defp deliver([], _settle), do: :ok
 
   defp deliver([{_timer, pid, message}], settle) do
     send(pid, message)
-    Enum.each([pid | settle], &settle/1)
+    Enum.each([pid | settle], &await_idle/1)
   end
 
-  # Whatever it got before, it has handled when it answers.
-  defp settle(pid) do
-    :sys.statistics(pid, :get, @settle_ms)
+  # A process that answers has handled everything that it got before.
+  defp await_idle(pid) do
+    :sys.statistics(pid, :get, @idle_timeout_ms)
   catch
     :exit, {reason, _call} when reason != :timeout -> :gone
   end
@@ -119,7 +135,7 @@ defmodule BB.Clock.Stepped do
 
   defp set_start(clock), do: :atomics.put(clock.now, 1, System.monotonic_time(:nanosecond))
 
-  # A successor's clock stays.
+  # The clock of a successor stays in place.
   @impl GenServer
   def terminate(_reason, {robot, clock}) do
     if BB.Clock.of(robot) == clock, do: :persistent_term.erase({BB.Clock, robot})

@@ -202,7 +202,7 @@ defmodule BB.Bus.I2C.Device do
   def explain({:bus, bus, address, error}),
     do: "a transfer with #{place(bus, address)} failed: #{words(error)}; look at the kernel's log"
 
-  defp words({:errno, errno}), do: BB.Errno.words(errno)
+  defp words({:errno, errno}), do: BB.Errno.message(errno)
   defp words(error), do: inspect(error)
 
   @doc """
