@@ -1,13 +1,14 @@
 defmodule BB.NativeLibrary do
   @moduledoc false
-  # Rustler's loader where Rustler is a dependency (boards), the same in a few lines where it is not (the host has no Hex).
-  # A macro, since both branches of an `if` in a module's body would be expanded.
+  # Loads a NIF: by Rustler where it is a dependency (boards), otherwise by the same few lines
+  # here (the host has no Hex). It is a macro because both branches of an `if` in a module's body
+  # are expanded.
 
   defmacro __using__(library) do
-    if Code.ensure_loaded?(Rustler), do: by_rustler(library), else: by_hand(library)
+    if Code.ensure_loaded?(Rustler), do: use_rustler(library), else: load_directly(library)
   end
 
-  defp by_rustler(library) do
+  defp use_rustler(library) do
     quote do
       use Rustler,
         otp_app: :ganglion,
@@ -17,7 +18,7 @@ defmodule BB.NativeLibrary do
     end
   end
 
-  defp by_hand(library) do
+  defp load_directly(library) do
     quote do
       @on_load :load_nif
 

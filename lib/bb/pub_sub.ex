@@ -13,7 +13,7 @@ defmodule BB.PubSub do
       iex> BB.PubSub.publish(DocRobot, [:sensor, :base_link, :battery], message)
       :ok
       iex> receive do
-      ...>   {:bb, path, %BB.Message{robot: DocRobot} = message} -> {path, message.payload.voltage}
+      ...>   {:bb, path, %BB.Message{robot: DocRobot} = m} -> {path, m.payload.voltage}
       ...> end
       {[:sensor, :base_link, :battery], 11.8}
 

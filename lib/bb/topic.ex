@@ -1,9 +1,9 @@
 defmodule BB.Topic do
   @moduledoc """
-  Names of ring topics, and what a robot makes of them.
+  The names of ring topics in a robot, with the robot's prefix.
 
-  Two robots on one machine would meet in shared memory under the names that both of them declare.
-  A robot with a prefix has topics of its own:
+  Give a robot a prefix when several robots run on one machine. Otherwise those that declare the
+  same topic use the same shared memory:
 
       settings do
         topic_prefix "rover"
@@ -14,10 +14,11 @@ defmodule BB.Topic do
         sensor :seen, {BB.Handoff.Inlet, topic: "/tags", …}           # the ring topic tags
       end
 
-  The prefix goes before every topic that the robot's components name, `topic:` of outlets and
-  inlets, `topics:` and `publishes:` of native processes. `MyRobot.start_link(topic_prefix: "second")`
-  goes before the one of the settings; without either, names are as they are declared. A name that
-  begins with `/` is absolute, as in ROS: it is the ring topic without the `/`, whatever the prefix.
+  The prefix is put before every topic that the robot's components name: `topic:` of outlets and
+  inlets, `topics:` and `publishes:` of native processes.
+  `MyRobot.start_link(topic_prefix: "second")` overrides the prefix of the settings. Without
+  either, topics have the declared names. A name that begins with `/` is absolute, as in ROS: the
+  ring topic is the name without the `/`, whatever the prefix.
 
       iex> BB.Topic.resolve("imu", "rover")
       {:ok, "rover.imu"}
@@ -26,49 +27,51 @@ defmodule BB.Topic do
       iex> BB.Topic.resolve("imu", nil)
       {:ok, "imu"}
 
-  `BB.topic/2` gives the ring topic of a name in a robot.
+  `BB.topic/2` returns the ring topic of a name in a robot.
   """
 
-  # "conduit_" and the name are a file's name, of at most 255 bytes.
+  # The file of a topic is named "conduit_" and the topic's name, at most 255 bytes together.
   @longest 200
   @longest_found 247
 
-  @typedoc "A name as declared: relative to the robot's prefix, or absolute with a `/` before it."
+  @typedoc "A name as declared: relative to the robot's prefix, or absolute with a leading `/`."
   @type name :: String.t()
 
   @doc """
-  The ring topic of a declared name under a prefix, or a sentence that says why it is none. A name
-  without a prefix is taken as it is: others' topics may have names that ours may not.
+  Returns the ring topic of a declared name under a prefix, or `{:error, message}`.
+
+  Without a prefix, the name is not checked: topics of other programs may have names that a
+  robot's own may not.
   """
   @spec resolve(name(), String.t() | nil) :: {:ok, String.t()} | {:error, String.t()}
   def resolve("/" <> topic, _prefix), do: check_found(topic)
   def resolve(name, nil), do: {:ok, name}
 
   def resolve(name, prefix) do
-    with {:error, why} <- check(prefix <> "." <> name),
+    with {:error, message} <- check(prefix <> "." <> name),
          do:
            {:error,
-            "#{why}, with the robot's topic_prefix before it; give it a shorter or another name, " <>
-              "or, if it is not the robot's own topic, a / before it"}
+            "#{message}, with the robot's topic_prefix before it; give it a shorter or another " <>
+              "name, or, if it is not the robot's own topic, a / before it"}
   end
 
-  @doc "The ring topic of a declared name in a robot."
+  @doc "Returns the ring topic of a declared name in a robot, or `{:error, message}`."
   @spec of(module(), name()) :: {:ok, String.t()} | {:error, String.t()}
   def of(robot, name), do: resolve(name, prefix(robot))
 
-  @doc "The robot's prefix: the one it was started with, or that of its settings; `nil` for none."
+  @doc "Returns the prefix that the robot was started with, that of its settings, or `nil`."
   @spec prefix(module()) :: String.t() | nil
   def prefix(robot) do
-    with nil <- :persistent_term.get({__MODULE__, robot}, nil), do: declared(robot)
+    with nil <- :persistent_term.get({__MODULE__, robot}, nil), do: settings_prefix(robot)
   end
 
-  # A driver's test need not have a robot.
-  defp declared(robot) do
+  # The robot of a driver's test may have no settings.
+  defp settings_prefix(robot) do
     if Code.ensure_loaded?(robot) and function_exported?(robot, :robot, 0),
       do: robot.robot().settings[:topic_prefix]
   end
 
-  @doc "From now on it is the robot's prefix; `nil` for that of its settings."
+  @doc "Sets the robot's prefix. With `nil`, the robot uses the prefix of its settings."
   @spec put_prefix(module(), String.t() | nil) :: :ok
   def put_prefix(robot, nil) do
     _ = :persistent_term.erase({__MODULE__, robot})
@@ -77,18 +80,20 @@ defmodule BB.Topic do
 
   def put_prefix(robot, prefix), do: :persistent_term.put({__MODULE__, robot}, prefix)
 
-  @doc "A topic's name as it is made: read by each language's programs and tools."
+  @doc """
+  Checks the name of a topic that a robot creates: one that programs in every language accept.
+  """
   @spec check(term()) :: {:ok, String.t()} | {:error, String.t()}
   def check(topic) do
     if is_binary(topic) and topic =~ ~r/\A[A-Za-z0-9_.-]{1,#{@longest}}\z/,
       do: {:ok, topic},
       else:
         {:error,
-         "a topic's name is 1 to #{@longest} characters out of A-Z a-z 0-9 _ . -, " <>
+         "expected a topic's name of 1 to #{@longest} characters out of A-Z a-z 0-9 _ . -, " <>
            "got: #{inspect(topic)}"}
   end
 
-  @doc "A topic's name as it is found: a publisher of other rules may have made it."
+  @doc "Checks the name of an existing topic, which a program with other rules may have created."
   @spec check_found(term()) :: {:ok, String.t()} | {:error, String.t()}
   def check_found(topic) do
     if is_binary(topic) and String.valid?(topic) and byte_size(topic) <= @longest_found and
@@ -96,29 +101,29 @@ defmodule BB.Topic do
        do: {:ok, topic},
        else:
          {:error,
-          "expected a topic's name: 1 to #{@longest_found} bytes of text without / and control " <>
-            "characters, got: #{inspect(topic)}"}
+          "expected a topic's name: 1 to #{@longest_found} bytes of text without / and " <>
+            "control characters, got: #{inspect(topic)}"}
   end
 
   @doc false
   def check_prefix(prefix) do
-    with {:error, _why} <- check(prefix) do
+    with {:error, _message} <- check(prefix) do
       {:error,
-       "expected text such as \"rover\", 1 to #{@longest} characters out of A-Z a-z 0-9 _ . -, " <>
-         "got: #{inspect(prefix)}"}
+       "expected text such as \"rover\", 1 to #{@longest} characters out of " <>
+         "A-Z a-z 0-9 _ . -, got: #{inspect(prefix)}"}
     end
   end
 
-  # The names of options, with or without the / of an absolute one.
+  # The names in options, with or without the / of an absolute name.
 
   @doc false
-  def check_declared(name), do: declared(name, &check/1)
+  def check_declared(name), do: check_with(name, &check/1)
 
   @doc false
-  def check_declared_found(name), do: declared(name, &check_found/1)
+  def check_declared_found(name), do: check_with(name, &check_found/1)
 
-  defp declared("/" <> topic = name, check),
+  defp check_with("/" <> topic = name, check),
     do: with({:ok, _topic} <- check.(topic), do: {:ok, name})
 
-  defp declared(name, check), do: check.(name)
+  defp check_with(name, check), do: check.(name)
 end

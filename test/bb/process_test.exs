@@ -6,6 +6,8 @@ defmodule BB.ProcessTest do
 
   alias BB.Test.Probe
 
+  doctest BB.Process
+
   setup do
     robot =
       robot do

@@ -856,7 +856,7 @@ defmodule BB.RingTest do
   describe "bad input" do
     test "a topic name that is not allowed raises and says what is" do
       for name <- ["", "a/b", "ä", String.duplicate("x", 201), :atom] do
-        assert_raise ArgumentError, ~r/a topic's name is 1 to 200 characters/, fn ->
+        assert_raise ArgumentError, ~r/expected a topic's name of 1 to 200 characters/, fn ->
           Publisher.open(name)
         end
       end

@@ -146,7 +146,7 @@ defmodule BB.TopicTest do
           """)
 
         assert error.path == [:sensors, :camera]
-        assert error.reason =~ "sensor :camera: a topic's name is 1 to 200 characters"
+        assert error.reason =~ "sensor :camera: expected a topic's name of 1 to 200 characters"
         assert error.reason =~ ~s(got: "the_other_rover.#{topic}", with the robot's topic_prefix)
       end
     end
@@ -195,6 +195,6 @@ defmodule BB.TopicTest do
 
   test "BB.topic/2 raises for a name that is none" do
     robot = carrying("a", "/b", "rover")
-    assert_raise ArgumentError, ~r/1 to 200 characters/, fn -> BB.topic(robot, "a b") end
+    assert_raise ArgumentError, ~r/of 1 to 200 characters/, fn -> BB.topic(robot, "a b") end
   end
 end

@@ -35,8 +35,7 @@ defmodule BB.Options.Schema do
           ],
           keys: [
             type: {:custom, __MODULE__, :check_nested, []},
-            doc:
-              "The schema of a `:keyword_list`'s, `:non_empty_keyword_list`'s or `:map`'s content."
+            doc: "The schema of a nested `:keyword_list`, `:non_empty_keyword_list` or `:map`."
           ]
         ]
       ]

@@ -3,29 +3,30 @@ defmodule BB.Process.Bulkhead do
   @calm_ms 5_000
 
   @moduledoc """
-  A supervisor of one child whose failures end here. It goes between a supervisor and children
-  that must not spend each other's restarts.
+  A supervisor of one child that restarts it forever and never fails itself.
+
+  Use it between a supervisor and children that must not spend each other's restarts:
 
       children = [Bulkhead.child_spec(Guard), Bulkhead.child_spec(MyRobot)]
       Supervisor.start_link(children, strategy: :one_for_one)
 
-  However often the child ends, it is started again, and nobody else notices. The first restarts
-  come at once. A child that ends again and again waits longer each time, up to #{@longest_ms} ms,
-  so that it cannot use up the machine either; one that has run for #{@calm_ms} ms is started at
-  once again. What a killed predecessor has left behind is waited for (`BB.Process.Successor`).
+  However often the child ends, the bulkhead starts it again. The first restarts are immediate.
+  The pause before further ones doubles each time, up to #{@longest_ms} ms, so that a failing
+  child does not use up the machine. A child that has run for #{@calm_ms} ms is restarted at once
+  again. A start waits for the processes that a killed predecessor has left behind
+  (`BB.Process.Successor`).
 
-  The first start fails as the child's does: a mistake in its options is no failure to be
-  repeated.
+  The first start fails if the child's does: a mistake in its options would only repeat itself.
   """
 
   use Supervisor
 
   alias BB.Process.Successor
 
-  # More than the waits allow.
+  # More restarts than the pauses allow.
   @restarts [max_restarts: 1_000, max_seconds: 1]
 
-  @doc "The child specification of `child` with a bulkhead around it. Its id stays."
+  @doc "Returns the child specification of `child` with a bulkhead around it, under the same id."
   @spec child_spec(Supervisor.child_spec() | {module(), term()} | module()) ::
           Supervisor.child_spec()
   def child_spec(child) do
@@ -55,7 +56,7 @@ defmodule BB.Process.Bulkhead do
   end
 
   @doc """
-  How long to wait before a start, when the one before it waited `waited_ms` and was `ago_ms` ago.
+  Returns the pause before a start, given the last one's pause `waited_ms` and its age `ago_ms`.
 
       iex> BB.Process.Bulkhead.wait_ms(nil, 0)
       0

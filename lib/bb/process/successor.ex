@@ -1,21 +1,22 @@
 defmodule BB.Process.Successor do
   @moduledoc """
-  Starts a process anew although the one before it was killed a moment ago. For supervisors and
-  registries, which have processes with names below them.
+  Starts a process whose predecessor was killed a moment ago.
+
+  Use it for supervisors and registries, which have processes with names below them:
 
       children = [Successor.child_spec({Registry, keys: :unique, name: MyRegistry})]
 
   The children of a killed supervisor keep their names until they have ended too. A start that
-  meets one of these orphans, or one of their children, waits for its end, instead of failing over
-  and over and using up the restarts of the supervisor above. A name that belongs to a process
-  whose supervisors all live is taken: the start fails at once.
+  finds a name taken by one of these orphans waits for the orphan's end. Otherwise it would fail
+  repeatedly and spend the restarts of the supervisor above. If all supervisors of the process
+  that has the name are alive, the start fails at once.
   """
 
   @patience_ms 10_000
   @wait_ms 1_000
-  @again_ms 1
+  @retry_ms 1
 
-  @doc "The child specification of `child` with a start that waits for a predecessor's processes."
+  @doc "Returns the child specification of `child` with a start that waits for orphans."
   @spec child_spec(Supervisor.child_spec() | {module(), term()} | module()) ::
           Supervisor.child_spec()
   def child_spec(child) do
@@ -23,7 +24,7 @@ defmodule BB.Process.Successor do
     %{spec | start: {__MODULE__, :start_link, [spec.start]}}
   end
 
-  @doc "Starts what the function starts."
+  @doc "Starts a process by calling the function, again after each orphan that it has waited for."
   @spec start_link({module(), atom(), [term()]}) :: Supervisor.on_start()
   def start_link(start), do: start_link(start, now_ms() + @patience_ms)
 
@@ -38,15 +39,15 @@ defmodule BB.Process.Successor do
     end
   end
 
-  # Who has the name that a start has failed for, however deep below it. `:undefined` is one that
-  # has ended since.
+  # The process that has the name for which a start failed, however deep below it. It is
+  # `:undefined` if that process has ended since.
   defp holder({:error, reason}), do: holder(reason)
   defp holder({:shutdown, {:failed_to_start_child, _id, reason}}), do: holder(reason)
   defp holder({:already_started, pid}), do: pid
   defp holder(_started_or_other), do: nil
 
-  # One of its supervisors is dead when its pid is, or when its name belongs to nobody, or to a
-  # process that did not start the next. The first process of all has none.
+  # A supervisor is dead if its pid is, or if its name belongs to no process or to one that is not
+  # linked to the next. The first process of all has no supervisor.
   defp orphan?(nil), do: false
   defp orphan?(:undefined), do: true
 
@@ -54,22 +55,22 @@ defmodule BB.Process.Successor do
     case Process.info(pid, [:dictionary, :links]) do
       [dictionary: dictionary, links: links] ->
         parent = dictionary |> Keyword.get(:"$ancestors", []) |> List.first()
-        parent != nil and deserted?(process(parent), links)
+        parent != nil and dead_or_unlinked?(process(parent), links)
 
       nil ->
         true
     end
   end
 
-  defp deserted?(parent, links), do: parent not in links or orphan?(parent)
+  defp dead_or_unlinked?(parent, links), do: parent not in links or orphan?(parent)
 
   defp process(name) when is_atom(name), do: Process.whereis(name)
   defp process(pid), do: pid
 
-  # One that is ending has its name for a little longer than it can be watched.
+  # A process that ends keeps its name a little longer than a monitor shows.
   defp await_end(holder) do
     if is_pid(holder), do: await_down(holder)
-    Process.sleep(@again_ms)
+    Process.sleep(@retry_ms)
   end
 
   defp await_down(pid) do

@@ -1,16 +1,17 @@
 defmodule BB.Process.Tolerant do
   @moduledoc """
-  For a GenServer that must outlive whatever is sent to it: a call, cast or message that it does
-  not know, of a tool or by mistake, does not end it.
+  Makes a GenServer survive calls, casts and messages that it does not handle.
+
+  Use it in processes that must not end because of a tool or a mistake:
 
       use GenServer
       use BB.Process.Tolerant
 
-  It adds a last clause to `handle_call/3`, which answers `{:error, :not_implemented}` as a
-  component does, and to `handle_cast/2` and `handle_info/2`, which ignore what has come.
+  It adds a last clause to `handle_call/3`, which replies `{:error, :not_implemented}` as a
+  component does, and to `handle_cast/2` and `handle_info/2`, which ignore the message.
   """
 
-  # Once in the place of GenServer's defaults, which raise, and once behind a module's own clauses.
+  # The clauses replace GenServer's defaults, which raise, and follow the module's own clauses.
   defmacro __using__(_opts) do
     quote do
       @doc false
