@@ -1,12 +1,16 @@
 defmodule BB.Math.Covariance3 do
   @moduledoc """
-  The covariance of three quantities: a symmetric 3 × 3 matrix, `m` its nine floats row by row.
+  The covariance of three quantities: a symmetric 3 × 3 matrix, with its nine floats row by row in
+  `m`.
+
+  Messages use it for the uncertainty of a vector or an orientation, such as those of
+  `BB.Message.Sensor.Imu`:
 
       iex> BB.Math.Covariance3.diagonal(0.1, 0.2, 0.3)
       %BB.Math.Covariance3{m: {0.1, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.3}}
 
-  As in ROS, a covariance of zeros is one that nobody knows, and a first element of -1 says that the quantity itself is
-  not known: see `unavailable/0`.
+  As in ROS, a covariance of zeros is unknown, and a first element of -1 means that the quantity
+  itself is unknown, see `unavailable/0`.
   """
 
   alias BB.Math.{Quaternion, Vec3}
@@ -19,53 +23,57 @@ defmodule BB.Math.Covariance3 do
         }
 
   @doc """
-  The covariance of a list of nine numbers, row by row. Raises `ArgumentError` for another length.
+  Creates a covariance from a list of nine numbers, row by row.
+
+  Raises `ArgumentError` for a list of another length.
   """
   @spec new([number()]) :: t()
   def new(elements) when is_list(elements) do
     case Enum.map(elements, &:erlang.float/1) do
       floats when length(floats) == 9 -> %__MODULE__{m: List.to_tuple(floats)}
-      _ -> raise ArgumentError, "a Covariance3 has 9 elements, got: #{inspect(elements)}"
+      _ -> raise ArgumentError, "expected a list of 9 numbers, got: #{inspect(elements)}"
     end
   end
 
-  @doc "All zeros."
+  @doc "Returns the covariance of zeros, which is an unknown one."
   @spec zero() :: t()
   def zero, do: diagonal(0.0, 0.0, 0.0)
 
-  @doc "Variances of one, and no correlation."
+  @doc "Returns the covariance with variances of one and without correlation."
   @spec identity() :: t()
   def identity, do: diagonal(1.0, 1.0, 1.0)
 
-  @doc "Three variances, and no correlation."
+  @doc "Returns the covariance with three variances and without correlation."
   @spec diagonal(number(), number(), number()) :: t()
   def diagonal(xx, yy, zz), do: new([xx, 0, 0, 0, yy, 0, 0, 0, zz])
 
-  @doc "The covariance that marks its quantity as not known: -1, then zeros."
+  @doc "Returns the covariance of an unknown quantity: -1, then zeros."
   @spec unavailable() :: t()
   def unavailable, do: diagonal(-1, 0, 0)
 
   @doc """
-  Whether the quantity is marked as not known.
+  Returns whether the covariance is that of an unknown quantity.
 
-      iex> alias BB.Math.Covariance3
-      iex> {Covariance3.unavailable?(Covariance3.unavailable()), Covariance3.unavailable?(Covariance3.identity())}
-      {true, false}
+      iex> BB.Math.Covariance3.unavailable?(BB.Math.Covariance3.unavailable())
+      true
+      iex> BB.Math.Covariance3.unavailable?(BB.Math.Covariance3.identity())
+      false
   """
   @spec unavailable?(t()) :: boolean()
   def unavailable?(%__MODULE__{m: m}), do: elem(m, 0) == -1.0
 
-  @doc "The element in `row` and `column`, both 0..2."
+  @doc "Returns the element in `row` and `column`, each from 0 to 2."
   @spec at(t(), 0..2, 0..2) :: float()
   def at(%__MODULE__{m: m}, row, column) when row in 0..2 and column in 0..2,
     do: elem(m, 3 * row + column)
 
-  @doc "The nine elements, row by row."
+  @doc "Returns the nine elements, row by row."
   @spec to_list(t()) :: [float()]
   def to_list(%__MODULE__{m: m}), do: Tuple.to_list(m)
 
   @doc """
-  The covariance of the quantities seen from axes that are turned: `rotation` takes the old axes' vectors to the new ones'.
+  Rotates the covariance to other axes. `rotation` transforms vectors from the old axes to the
+  new.
 
       iex> alias BB.Math.{Covariance3, Quaternion, Vec3}
       iex> quarter = Quaternion.from_axis_angle(Vec3.unit_z(), :math.pi() / 2)
@@ -77,7 +85,7 @@ defmodule BB.Math.Covariance3 do
   def rotate(%__MODULE__{} = covariance, %Quaternion{} = rotation),
     do: covariance |> rotate_rows(rotation) |> transpose() |> rotate_rows(rotation)
 
-  # M · Rᵀ: each row is turned as a vector is.
+  # M · Rᵀ: each row is rotated like a vector.
   defp rotate_rows(%__MODULE__{m: m}, rotation) do
     m
     |> Tuple.to_list()

@@ -1,7 +1,10 @@
 defmodule BB.Math.Covariance6 do
   @moduledoc """
-  The covariance of a pose or a twist: a symmetric 6 × 6 matrix, `m` its 36 floats row by row. The order is that of ROS: x, y,
-  z, then the rotations about x, y and z.
+  The covariance of a pose or a twist: a symmetric 6 × 6 matrix, with its 36 floats row by row in
+  `m`.
+
+  Messages of estimators use it, such as `BB.Message.Estimator.Pose`. The order is that of ROS: x,
+  y, z, then the rotations about x, y and z.
 
       iex> alias BB.Math.{Covariance3, Covariance6}
       iex> covariance = Covariance6.diagonal([1, 2, 3, 4, 5, 6])
@@ -16,31 +19,35 @@ defmodule BB.Math.Covariance6 do
 
   @type t :: %__MODULE__{m: tuple()}
 
-  @doc "The covariance of a list of 36 numbers, row by row. Raises `ArgumentError` for another length."
+  @doc """
+  Creates a covariance from 36 numbers, row by row.
+
+  Raises `ArgumentError` for another length.
+  """
   @spec new([number()]) :: t()
   def new(elements) when is_list(elements) do
     case Enum.map(elements, &:erlang.float/1) do
       floats when length(floats) == 36 -> %__MODULE__{m: List.to_tuple(floats)}
-      _ -> raise ArgumentError, "a Covariance6 has 36 elements, got: #{inspect(elements)}"
+      _ -> raise ArgumentError, "expected a list of 36 numbers, got: #{inspect(elements)}"
     end
   end
 
-  @doc "All zeros: a covariance that nobody knows."
+  @doc "Returns the covariance of zeros, which is an unknown one."
   @spec zero() :: t()
   def zero, do: diagonal([0, 0, 0, 0, 0, 0])
 
-  @doc "Variances of one, and no correlation."
+  @doc "Returns the covariance with variances of one and without correlation."
   @spec identity() :: t()
   def identity, do: diagonal([1, 1, 1, 1, 1, 1])
 
-  @doc "Six variances, and no correlation."
+  @doc "Returns the covariance with six variances and without correlation."
   @spec diagonal([number()]) :: t()
   def diagonal([_, _, _, _, _, _] = variances) do
     rows = Enum.with_index(variances)
     new(for {v, row} <- rows, column <- 0..5, do: if(row == column, do: v, else: 0))
   end
 
-  @doc "Two parts that have nothing to do with each other."
+  @doc "Combines the covariances of a linear and an angular part that are not correlated."
   @spec from_parts(Covariance3.t(), Covariance3.t()) :: t()
   def from_parts(%Covariance3{} = linear, %Covariance3{} = angular) do
     new(
@@ -54,20 +61,20 @@ defmodule BB.Math.Covariance6 do
     )
   end
 
-  @doc "The part of x, y and z."
+  @doc "Returns the covariance of x, y and z."
   @spec linear(t()) :: Covariance3.t()
   def linear(%__MODULE__{} = covariance), do: block(covariance, 0)
 
-  @doc "The part of the rotations."
+  @doc "Returns the covariance of the rotations."
   @spec angular(t()) :: Covariance3.t()
   def angular(%__MODULE__{} = covariance), do: block(covariance, 3)
 
-  @doc "The element in `row` and `column`, both 0..5."
+  @doc "Returns the element in `row` and `column`, each from 0 to 5."
   @spec at(t(), 0..5, 0..5) :: float()
   def at(%__MODULE__{m: m}, row, column) when row in 0..5 and column in 0..5,
     do: elem(m, 6 * row + column)
 
-  @doc "The 36 elements, row by row."
+  @doc "Returns the 36 elements, row by row."
   @spec to_list(t()) :: [float()]
   def to_list(%__MODULE__{m: m}), do: Tuple.to_list(m)
 

@@ -1,8 +1,8 @@
 defmodule BB.Math.Quaternion do
   @moduledoc """
-  A rotation: a unit quaternion in Hamilton's convention, `w` the real part.
+  A rotation as a unit quaternion in Hamilton's convention, with the real part `w`.
 
-  `multiply(a, b)` rotates by `b` first and by `a` then, as matrices do. A quaternion and its negative are the same rotation.
+  Use it for orientations, such as that of an inertial measurement unit, and to rotate vectors:
 
       iex> alias BB.Math.{Quaternion, Vec3}
       iex> left = Quaternion.from_axis_angle(Vec3.unit_z(), :math.pi() / 2)
@@ -10,8 +10,11 @@ defmodule BB.Math.Quaternion do
       iex> Vec3.distance(v, Vec3.unit_y()) < 1.0e-15
       true
 
-  Functions that take a quaternion expect a unit one. Products of many lose their length by rounding, so `normalize/1` now
-  and then.
+  `multiply(a, b)` rotates by `b` first and then by `a`, as matrices do. A quaternion and its
+  negative are the same rotation.
+
+  All functions expect unit quaternions. The length of a product of many drifts by rounding; call
+  `normalize/1` from time to time.
   """
 
   alias BB.Math.Vec3
@@ -22,7 +25,9 @@ defmodule BB.Math.Quaternion do
   @type t :: %__MODULE__{w: float(), x: float(), y: float(), z: float()}
 
   @doc """
-  The unit quaternion in the direction of four numbers. Raises `ArgumentError` when all are zero.
+  Returns the unit quaternion in the direction of four numbers.
+
+  Raises `ArgumentError` if all of them are zero.
 
       iex> BB.Math.Quaternion.new(2, 0, 0, 0)
       BB.Math.Quaternion.identity()
@@ -37,27 +42,31 @@ defmodule BB.Math.Quaternion do
         z: :erlang.float(z)
       })
 
-  @doc "No rotation."
+  @doc "Returns the rotation by no angle."
   @spec identity() :: t()
   def identity, do: %__MODULE__{w: 1.0, x: 0.0, y: 0.0, z: 0.0}
 
-  @doc "The real part."
+  @doc "Returns the real part."
   @spec w(t()) :: float()
   def w(%__MODULE__{w: w}), do: w
 
-  @doc "The first imaginary part."
+  @doc "Returns the first imaginary part."
   @spec x(t()) :: float()
   def x(%__MODULE__{x: x}), do: x
 
-  @doc "The second imaginary part."
+  @doc "Returns the second imaginary part."
   @spec y(t()) :: float()
   def y(%__MODULE__{y: y}), do: y
 
-  @doc "The third imaginary part."
+  @doc "Returns the third imaginary part."
   @spec z(t()) :: float()
   def z(%__MODULE__{z: z}), do: z
 
-  @doc "The rotation by `angle` radians about `axis`, which need not be of length one. About the zero vector: none."
+  @doc """
+  Returns the rotation by `angle` radians about `axis`, a vector of any length.
+
+  About the zero vector it is the rotation by no angle.
+  """
   @spec from_axis_angle(Vec3.t(), number()) :: t()
   def from_axis_angle(%Vec3{} = axis, angle) when is_number(angle) do
     %{x: x, y: y, z: z} = axis |> Vec3.normalize() |> Vec3.scale(:math.sin(angle / 2))
@@ -65,7 +74,7 @@ defmodule BB.Math.Quaternion do
   end
 
   @doc """
-  The axis, of length one, and the angle in 0..π. For no rotation the axis is x.
+  Returns the axis, of length one, and the angle, from 0 to π. If the angle is 0, the axis is x.
 
       iex> alias BB.Math.{Quaternion, Vec3}
       iex> Quaternion.to_axis_angle(Quaternion.identity())
@@ -82,7 +91,8 @@ defmodule BB.Math.Quaternion do
   end
 
   @doc """
-  The rotation by roll about x, then pitch about y, then yaw about z, all of the fixed axes, in radians.
+  Returns the rotation by roll about x, then pitch about y, then yaw about z, all about fixed axes
+  and in radians.
   """
   @spec from_euler(number(), number(), number()) :: t()
   def from_euler(roll, pitch, yaw) do
@@ -92,9 +102,10 @@ defmodule BB.Math.Quaternion do
   end
 
   @doc """
-  `{roll, pitch, yaw}` in radians, the inverse of `from_euler/3`; pitch is in -π/2..π/2.
+  Returns `{roll, pitch, yaw}` in radians, the inverse of `from_euler/3`.
 
-  At ±π/2 roll and yaw turn about the same axis, and only their difference or sum is known.
+  Pitch is from -π/2 to π/2. At ±π/2, roll and yaw rotate about the same axis, and only their
+  difference or sum is determined.
   """
   @spec to_euler(t()) :: {float(), float(), float()}
   def to_euler(%__MODULE__{w: w, x: x, y: y, z: z}) do
@@ -104,7 +115,7 @@ defmodule BB.Math.Quaternion do
      :math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))}
   end
 
-  @doc "The product: the rotation by `b`, then by `a`."
+  @doc "Returns the product: the rotation by `b`, then by `a`."
   @spec multiply(t(), t()) :: t()
   def multiply(%__MODULE__{} = a, %__MODULE__{} = b) do
     %__MODULE__{
@@ -115,38 +126,38 @@ defmodule BB.Math.Quaternion do
     }
   end
 
-  @doc "The other way round: for a unit quaternion its inverse."
+  @doc "Returns the conjugate, which is the inverse of a unit quaternion."
   @spec conjugate(t()) :: t()
   def conjugate(%__MODULE__{} = q), do: %{q | x: -q.x, y: -q.y, z: -q.z}
 
-  @doc "The rotation that undoes this one."
+  @doc "Returns the inverse rotation."
   @spec inverse(t()) :: t()
   def inverse(%__MODULE__{} = q) do
     square = dot(q, q)
     %__MODULE__{w: q.w / square, x: -q.x / square, y: -q.y / square, z: -q.z / square}
   end
 
-  @doc "All four elements with the other sign: the same rotation."
+  @doc "Returns the quaternion with all signs changed, which is the same rotation."
   @spec negate(t()) :: t()
   def negate(%__MODULE__{} = q), do: %__MODULE__{w: -q.w, x: -q.x, y: -q.y, z: -q.z}
 
-  @doc "The scalar product of the four elements: ±1 for the same rotation."
+  @doc "Returns the dot product of the four elements, ±1 for the same rotation."
   @spec dot(t(), t()) :: float()
   def dot(%__MODULE__{} = a, %__MODULE__{} = b), do: a.w * b.w + a.x * b.x + a.y * b.y + a.z * b.z
 
-  @doc "The length, which is one but for rounding."
+  @doc "Returns the length, which is one apart from rounding."
   @spec norm(t()) :: float()
   def norm(%__MODULE__{} = q), do: :math.sqrt(dot(q, q))
 
-  @doc "The same direction with length one. Raises `ArgumentError` when all elements are zero."
+  @doc "Returns the quaternion with length one. Raises `ArgumentError` if all elements are zero."
   @spec normalize(t()) :: t()
   def normalize(%__MODULE__{} = q) do
     norm = norm(q)
-    if norm == 0, do: raise(ArgumentError, "a quaternion of four zeros is no rotation")
+    if norm == 0, do: raise(ArgumentError, "expected a rotation, got: a quaternion of four zeros")
     %__MODULE__{w: q.w / norm, x: q.x / norm, y: q.y / norm, z: q.z / norm}
   end
 
-  @doc "The vector turned by the rotation."
+  @doc "Returns the vector after the rotation."
   @spec rotate(t(), Vec3.t()) :: Vec3.t()
   def rotate(%__MODULE__{} = q, %Vec3{} = v) do
     imaginary = %Vec3{x: q.x, y: q.y, z: q.z}
@@ -154,7 +165,7 @@ defmodule BB.Math.Quaternion do
     v |> Vec3.add(Vec3.scale(t, q.w)) |> Vec3.add(Vec3.cross(imaginary, t))
   end
 
-  @doc "The angle between two rotations, in 0..π radians."
+  @doc "Returns the angle between two rotations, from 0 to π radians."
   @spec angle(t(), t()) :: float()
   def angle(%__MODULE__{} = a, %__MODULE__{} = b) do
     {_axis, angle} = to_axis_angle(multiply(conjugate(a), b))
@@ -162,7 +173,9 @@ defmodule BB.Math.Quaternion do
   end
 
   @doc """
-  The rotation at the fraction `t` of the shorter way from `a` to `b`, at constant angular speed.
+  Interpolates between two rotations at constant angular speed.
+
+  Returns the rotation at the fraction `t` of the shorter way from `a` to `b`.
 
       iex> alias BB.Math.{Quaternion, Vec3}
       iex> quarter = Quaternion.from_axis_angle(Vec3.unit_z(), 1.0)

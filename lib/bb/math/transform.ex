@@ -1,9 +1,10 @@
 defmodule BB.Math.Transform do
   @moduledoc """
-  A rigid motion in space: a rotation, then a translation, as a 4 × 4 matrix, `m` its sixteen floats row by row.
+  A rigid transform in space: a rotation, then a translation, as a 4 × 4 matrix with its sixteen
+  floats row by row in `m`.
 
-  Read as a pose, it is where a body's frame stands in its parent's: `apply_point/2` takes a point from the body's coordinates to
-  the parent's, and `compose(parent, child)` chains them.
+  Use it for the pose of a body's frame in its parent's: `apply_point/2` transforms a point from
+  the body's coordinates to the parent's, and `compose(parent, child)` chains poses.
 
       iex> alias BB.Math.{Quaternion, Transform, Vec3}
       iex> left = Quaternion.from_axis_angle(Vec3.unit_z(), :math.pi() / 2)
@@ -18,10 +19,10 @@ defmodule BB.Math.Transform do
   @enforce_keys [:m]
   defstruct [:m]
 
-  @typedoc "Row by row; the last row is 0, 0, 0, 1."
+  @typedoc "A transform. The last row of its matrix is 0, 0, 0, 1."
   @type t :: %__MODULE__{m: tuple()}
 
-  @doc "The motion that turns by the rotation, then moves by the translation."
+  @doc "Creates the transform that rotates, then translates."
   @spec new(Quaternion.t(), Vec3.t()) :: t()
   def new(%Quaternion{w: w, x: x, y: y, z: z}, %Vec3{} = t) do
     %__MODULE__{
@@ -34,10 +35,10 @@ defmodule BB.Math.Transform do
   end
 
   @doc """
-  The motion of a list of sixteen numbers, row by row.
+  Creates a transform from a list of sixteen numbers, row by row.
 
-  Raises `ArgumentError` for another length, and when the last row is not 0, 0, 0, 1. That the rest is a rotation is for the
-  caller to know.
+  Raises `ArgumentError` for a list of another length, or if the last row is not 0, 0, 0, 1. It
+  does not check that the rest is a rotation.
   """
   @spec from_list([number()]) :: t()
   def from_list(elements) when is_list(elements) do
@@ -47,30 +48,31 @@ defmodule BB.Math.Transform do
       %__MODULE__{m: List.to_tuple(floats)}
     else
       raise ArgumentError,
-            "a Transform has 16 elements, and 0, 0, 0, 1 in its last row, got: #{inspect(elements)}"
+            "expected a list of 16 numbers with 0, 0, 0, 1 as the last row, got: " <>
+              "#{inspect(elements)}"
     end
   end
 
-  @doc "The motion that moves nothing."
+  @doc "Returns the transform that changes nothing."
   @spec identity() :: t()
   def identity, do: new(Quaternion.identity(), Vec3.zero())
 
-  @doc "A rotation about the origin."
+  @doc "Returns a rotation about the origin."
   @spec from_rotation(Quaternion.t()) :: t()
   def from_rotation(%Quaternion{} = rotation), do: new(rotation, Vec3.zero())
 
-  @doc "A translation."
+  @doc "Returns a translation."
   @spec from_translation(Vec3.t()) :: t()
   def from_translation(%Vec3{} = translation), do: new(Quaternion.identity(), translation)
 
-  @doc "Where the motion takes the origin."
+  @doc "Returns the translation of the transform."
   @spec translation(t()) :: Vec3.t()
   def translation(%__MODULE__{m: m}), do: %Vec3{x: elem(m, 3), y: elem(m, 7), z: elem(m, 11)}
 
-  @doc "How the motion turns."
+  @doc "Returns the rotation of the transform."
   @spec rotation(t()) :: Quaternion.t()
   def rotation(%__MODULE__{m: {a, b, c, _, d, e, f, _, g, h, i, _, _, _, _, _}}) do
-    # The largest of the four squares is the one to divide by.
+    # The division is most precise by the largest of the four squares.
     squares = [{a + e + i, :w}, {a - e - i, :x}, {e - a - i, :y}, {i - a - e, :z}]
 
     case Enum.max(squares) do
@@ -81,16 +83,16 @@ defmodule BB.Math.Transform do
     end
   end
 
-  @doc "The element in `row` and `column`, both 0..3."
+  @doc "Returns the element in `row` and `column`, each from 0 to 3."
   @spec at(t(), 0..3, 0..3) :: float()
   def at(%__MODULE__{m: m}, row, column) when row in 0..3 and column in 0..3,
     do: elem(m, 4 * row + column)
 
-  @doc "The sixteen elements, row by row."
+  @doc "Returns the sixteen elements, row by row."
   @spec to_list(t()) :: [float()]
   def to_list(%__MODULE__{m: m}), do: Tuple.to_list(m)
 
-  @doc "The motion `b`, then the motion `a`: the product of their matrices."
+  @doc "Returns the transform `b` followed by `a`, the product of their matrices."
   @spec compose(t(), t()) :: t()
   def compose(%__MODULE__{m: a}, %__MODULE__{m: b}) do
     {a11, a12, a13, a14, a21, a22, a23, a24, a31, a32, a33, a34, _, _, _, _} = a
@@ -108,7 +110,7 @@ defmodule BB.Math.Transform do
     }
   end
 
-  @doc "The motion that undoes this one."
+  @doc "Returns the inverse transform."
   @spec inverse(t()) :: t()
   def inverse(%__MODULE__{m: {a, b, c, _, d, e, f, _, g, h, i, _, _, _, _, _}} = transform) do
     %Vec3{x: x, y: y, z: z} = translation(transform)
@@ -120,12 +122,12 @@ defmodule BB.Math.Transform do
     }
   end
 
-  @doc "Where the motion takes a point."
+  @doc "Transforms a point."
   @spec apply_point(t(), Vec3.t()) :: Vec3.t()
   def apply_point(%__MODULE__{} = transform, %Vec3{} = point),
     do: Vec3.add(apply_vector(transform, point), translation(transform))
 
-  @doc "How the motion turns a direction, which has no place: the translation does not count."
+  @doc "Rotates a direction. The translation does not apply to it."
   @spec apply_vector(t(), Vec3.t()) :: Vec3.t()
   def apply_vector(%__MODULE__{m: {a, b, c, _, d, e, f, _, g, h, i, _, _, _, _, _}}, %Vec3{
         x: x,

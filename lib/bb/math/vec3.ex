@@ -2,6 +2,8 @@ defmodule BB.Math.Vec3 do
   @moduledoc """
   A vector of three floats.
 
+  Messages use it for accelerations, velocities, forces and positions:
+
       iex> alias BB.Math.Vec3
       iex> Vec3.new(1, 2, 3) |> Vec3.add(Vec3.unit_x()) |> Vec3.scale(2)
       %BB.Math.Vec3{x: 4.0, y: 4.0, z: 6.0}
@@ -12,41 +14,41 @@ defmodule BB.Math.Vec3 do
 
   @type t :: %__MODULE__{x: float(), y: float(), z: float()}
 
-  @doc "The vector of three numbers."
+  @doc "Creates a vector from three numbers."
   @spec new(number(), number(), number()) :: t()
   def new(x, y, z) when is_number(x) and is_number(y) and is_number(z),
     do: %__MODULE__{x: :erlang.float(x), y: :erlang.float(y), z: :erlang.float(z)}
 
-  @doc "(0, 0, 0)."
+  @doc "Returns the zero vector."
   @spec zero() :: t()
   def zero, do: %__MODULE__{x: 0.0, y: 0.0, z: 0.0}
 
-  @doc "(1, 0, 0)."
+  @doc "Returns the unit vector in x, (1, 0, 0)."
   @spec unit_x() :: t()
   def unit_x, do: %__MODULE__{x: 1.0, y: 0.0, z: 0.0}
 
-  @doc "(0, 1, 0)."
+  @doc "Returns the unit vector in y, (0, 1, 0)."
   @spec unit_y() :: t()
   def unit_y, do: %__MODULE__{x: 0.0, y: 1.0, z: 0.0}
 
-  @doc "(0, 0, 1)."
+  @doc "Returns the unit vector in z, (0, 0, 1)."
   @spec unit_z() :: t()
   def unit_z, do: %__MODULE__{x: 0.0, y: 0.0, z: 1.0}
 
-  @doc "The first element."
+  @doc "Returns the first element."
   @spec x(t()) :: float()
   def x(%__MODULE__{x: x}), do: x
 
-  @doc "The second element."
+  @doc "Returns the second element."
   @spec y(t()) :: float()
   def y(%__MODULE__{y: y}), do: y
 
-  @doc "The third element."
+  @doc "Returns the third element."
   @spec z(t()) :: float()
   def z(%__MODULE__{z: z}), do: z
 
   @doc """
-  The elements in order.
+  Returns the elements in order.
 
       iex> BB.Math.Vec3.to_list(BB.Math.Vec3.unit_y())
       [0.0, 1.0, 0.0]
@@ -54,31 +56,31 @@ defmodule BB.Math.Vec3 do
   @spec to_list(t()) :: [float()]
   def to_list(%__MODULE__{x: x, y: y, z: z}), do: [x, y, z]
 
-  @doc "The vector of a list of three numbers."
+  @doc "Creates a vector from a list of three numbers."
   @spec from_list([number()]) :: t()
   def from_list([x, y, z]), do: new(x, y, z)
 
-  @doc "The sum."
+  @doc "Returns the sum."
   @spec add(t(), t()) :: t()
   def add(%__MODULE__{} = a, %__MODULE__{} = b),
     do: %__MODULE__{x: a.x + b.x, y: a.y + b.y, z: a.z + b.z}
 
-  @doc "The first less the second."
+  @doc "Returns the first vector minus the second."
   @spec subtract(t(), t()) :: t()
   def subtract(%__MODULE__{} = a, %__MODULE__{} = b),
     do: %__MODULE__{x: a.x - b.x, y: a.y - b.y, z: a.z - b.z}
 
-  @doc "The vector that points the other way."
+  @doc "Returns the vector in the opposite direction."
   @spec negate(t()) :: t()
   def negate(%__MODULE__{} = v), do: %__MODULE__{x: -v.x, y: -v.y, z: -v.z}
 
-  @doc "The vector times a number."
+  @doc "Multiplies the vector by a number."
   @spec scale(t(), number()) :: t()
   def scale(%__MODULE__{} = v, factor) when is_number(factor),
     do: %__MODULE__{x: v.x * factor, y: v.y * factor, z: v.z * factor}
 
   @doc """
-  The scalar product.
+  Returns the dot product.
 
       iex> BB.Math.Vec3.dot(BB.Math.Vec3.new(1, 2, 3), BB.Math.Vec3.new(4, 5, 6))
       32.0
@@ -87,7 +89,7 @@ defmodule BB.Math.Vec3 do
   def dot(%__MODULE__{} = a, %__MODULE__{} = b), do: a.x * b.x + a.y * b.y + a.z * b.z
 
   @doc """
-  The vector product: it stands on both, right-handed.
+  Returns the cross product, which is perpendicular to both vectors, by the right-hand rule.
 
       iex> BB.Math.Vec3.cross(BB.Math.Vec3.unit_x(), BB.Math.Vec3.unit_y())
       BB.Math.Vec3.unit_z()
@@ -102,7 +104,7 @@ defmodule BB.Math.Vec3 do
   end
 
   @doc """
-  The length.
+  Returns the length.
 
       iex> BB.Math.Vec3.norm(BB.Math.Vec3.new(2, 3, 6))
       7.0
@@ -110,16 +112,17 @@ defmodule BB.Math.Vec3 do
   @spec norm(t()) :: float()
   def norm(%__MODULE__{} = v), do: :math.sqrt(norm_squared(v))
 
-  @doc "The square of the length."
+  @doc "Returns the square of the length."
   @spec norm_squared(t()) :: float()
   def norm_squared(%__MODULE__{} = v), do: dot(v, v)
 
-  @doc "The length of the difference."
+  @doc "Returns the length of the difference."
   @spec distance(t(), t()) :: float()
   def distance(%__MODULE__{} = a, %__MODULE__{} = b), do: norm(subtract(a, b))
 
   @doc """
-  The vector of length one in the same direction. Of the zero vector, which has no direction, the zero vector.
+  Returns the vector of length one in the same direction. For the zero vector, returns the zero
+  vector.
 
       iex> BB.Math.Vec3.normalize(BB.Math.Vec3.new(0, 0, 4))
       BB.Math.Vec3.unit_z()
@@ -131,7 +134,8 @@ defmodule BB.Math.Vec3 do
   end
 
   @doc """
-  The point at the fraction `t` of the way from `a` to `b`.
+  Interpolates between two points. Returns the point at the fraction `t` of the way from `a` to
+  `b`.
 
       iex> BB.Math.Vec3.lerp(BB.Math.Vec3.zero(), BB.Math.Vec3.new(2, 4, 8), 0.25)
       BB.Math.Vec3.new(0.5, 1, 2)

@@ -12,8 +12,13 @@ defmodule BB.Math.CovarianceTest do
   defp covariance3, do: map(vector(9, coordinate()), &Covariance3.new/1)
 
   test "they have 9 and 36 elements" do
-    assert_raise ArgumentError, ~r/9 elements, got: \[1\]/, fn -> Covariance3.new([1]) end
-    assert_raise ArgumentError, ~r/36 elements, got: \[1\]/, fn -> Covariance6.new([1]) end
+    assert_raise ArgumentError, ~r/expected a list of 9 numbers, got: \[1\]/, fn ->
+      Covariance3.new([1])
+    end
+
+    assert_raise ArgumentError, ~r/expected a list of 36 numbers, got: \[1\]/, fn ->
+      Covariance6.new([1])
+    end
   end
 
   test "elements are found by row and column" do
