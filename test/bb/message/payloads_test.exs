@@ -7,7 +7,38 @@ defmodule BB.Message.PayloadsTest do
   alias BB.Message.Actuator.Command
   alias BB.Message.Vision.{TagDetection, TagDetections}
 
+  doctest BB.Message.Actuator.BeginMotion
+  doctest BB.Message.Actuator.Command.Effort
+  doctest BB.Message.Actuator.Command.Hold
+  doctest BB.Message.Actuator.Command.Position
+  doctest BB.Message.Actuator.Command.Stop
   doctest BB.Message.Actuator.Command.Trajectory
+  doctest BB.Message.Actuator.Command.Velocity
+  doctest BB.Message.Actuator.EndMotion
+  doctest BB.Message.Estimator.Odometry
+  doctest BB.Message.Estimator.Pose
+  doctest BB.Message.Firmware.RoundTrip
+  doctest BB.Message.Geometry.Accel
+  doctest BB.Message.Geometry.Point3D
+  doctest BB.Message.Geometry.Pose
+  doctest BB.Message.Geometry.Twist
+  doctest BB.Message.Geometry.Twist2D
+  doctest BB.Message.Geometry.Wrench
+  doctest BB.Message.Geometry.Wrench2D
+  doctest BB.Message.Network.Connection
+  doctest BB.Message.Network.Operator
+  doctest BB.Message.Sensor.BatteryState
+  doctest BB.Message.Sensor.Contact
+  doctest BB.Message.Sensor.Image
+  doctest BB.Message.Sensor.Imu
+  doctest BB.Message.Sensor.JointState
+  doctest BB.Message.Sensor.LaserScan
+  doctest BB.Message.Sensor.PowerState
+  doctest BB.Message.Sensor.Range
+  doctest BB.Message.Sensor.Status
+  doctest BB.Message.System.Status
+  doctest BB.Message.Vision.TagDetection
+  doctest BB.Message.Vision.TagDetections
 
   @detection %TagDetection{
     family: "tag36h11",

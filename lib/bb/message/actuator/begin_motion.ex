@@ -1,9 +1,15 @@
 defmodule BB.Message.Actuator.BeginMotion do
   @moduledoc """
-  An actuator begins to move: from where, to where, and when it expects to arrive.
+  The message that an actuator begins to move, with start, target and expected time of arrival.
 
-  Where nothing measures a joint, its position in between follows from this. With `acceleration` and `peak_velocity` the motion
-  speeds up, goes on and slows down; without them how it moves is not known.
+  An actuator publishes it when a command starts a motion. For a joint that no sensor measures,
+  the position in between follows from it. With `acceleration` and `peak_velocity`, the motion
+  accelerates, moves and decelerates; without them, its course is unknown.
+
+      iex> {:ok, message} = BB.Message.Actuator.BeginMotion.new(:shoulder,
+      ...>   initial_position: 0.0, target_position: 1.57, expected_arrival: 1_500)
+      iex> message.payload.target_position
+      1.57
   """
 
   @command_types [:position, :velocity, :effort, :trajectory]
@@ -32,32 +38,36 @@ defmodule BB.Message.Actuator.BeginMotion do
 
   use BB.Message,
     schema: [
-      initial_position: [type: :float, required: true, doc: "In rad, or m of a prismatic joint."],
-      target_position: [type: :float, required: true, doc: "In rad or m."],
+      initial_position: [
+        type: :float,
+        required: true,
+        doc: "The position at the start, in rad, or in m for a prismatic joint."
+      ],
+      target_position: [type: :float, required: true, doc: "The target, in rad or m."],
       expected_arrival: [
         type: :integer,
         required: true,
-        doc: "Erlang monotonic time in milliseconds."
+        doc: "The time of arrival, Erlang monotonic time in milliseconds."
       ],
       command_id: [
         type: {:or, [:reference, nil]},
         default: nil,
-        doc: "Of the command that it follows."
+        doc: "The id of the command that causes the motion."
       ],
       command_type: [
         type: {:or, [{:in, @command_types}, nil]},
         default: nil,
-        doc: "What kind of command that was."
+        doc: "The type of that command."
       ],
       acceleration: [
         type: {:or, [:float, nil]},
         default: nil,
-        doc: "Magnitude, in rad/s² or m/s²."
+        doc: "The magnitude of the acceleration, in rad/s² or m/s²."
       ],
       peak_velocity: [
         type: {:or, [:float, nil]},
         default: nil,
-        doc: "Magnitude, in rad/s or m/s."
+        doc: "The magnitude of the velocity, in rad/s or m/s."
       ]
     ]
 end

@@ -1,5 +1,14 @@
 defmodule BB.Message.Actuator.EndMotion do
-  @moduledoc "An actuator's motion has ended, where and why."
+  @moduledoc """
+  The message that the motion of an actuator has ended, with the position and the reason.
+
+  An actuator publishes it after `BB.Message.Actuator.BeginMotion`:
+
+      iex> {:ok, message} = BB.Message.Actuator.EndMotion.new(:shoulder,
+      ...>   position: 1.2, reason: :fault, detail: :stall)
+      iex> message.payload.reason
+      :fault
+  """
 
   @reasons [:completed, :cancelled, :limit_reached, :fault]
 
@@ -17,14 +26,18 @@ defmodule BB.Message.Actuator.EndMotion do
 
   use BB.Message,
     schema: [
-      position: [type: :float, required: true, doc: "In rad, or m of a prismatic joint."],
-      reason: [type: {:in, @reasons}, required: true, doc: "Why it ended."],
-      detail: [type: :atom, default: nil, doc: "More of it for programs, such as `:stall`."],
-      message: [type: {:or, [:string, nil]}, default: nil, doc: "More of it for people."],
+      position: [
+        type: :float,
+        required: true,
+        doc: "The position at the end, in rad, or in m for a prismatic joint."
+      ],
+      reason: [type: {:in, @reasons}, required: true, doc: "The reason for the end."],
+      detail: [type: :atom, default: nil, doc: "A detail for programs, such as `:stall`."],
+      message: [type: {:or, [:string, nil]}, default: nil, doc: "A detail for people."],
       command_id: [
         type: {:or, [:reference, nil]},
         default: nil,
-        doc: "Of the command that the motion followed."
+        doc: "The id of the command that caused the motion."
       ]
     ]
 end

@@ -1,8 +1,16 @@
 defmodule BB.Message.Estimator.Odometry do
   @moduledoc """
-  Where something is and how it moves, by an estimate such as one from turning wheels.
+  An estimate of a body's pose and motion, for example from its turning wheels.
 
-  The pose is in the message's frame, which is fixed in the world. The twist is in the axes of what moves, `child_frame_id`.
+  The pose is given in the message's frame, which is fixed in the world. The twist is given in the
+  axes of the body, `child_frame_id`.
+
+      iex> alias BB.Math.{Transform, Vec3}
+      iex> twist = %BB.Message.Geometry.Twist{linear: Vec3.new(0.5, 0, 0), angular: Vec3.zero()}
+      iex> {:ok, message} = BB.Message.Estimator.Odometry.new(:odom,
+      ...>   pose: Transform.identity(), twist: twist, child_frame_id: :base_link)
+      iex> message.payload.twist.linear.x
+      0.5
   """
 
   alias BB.Math.{Covariance6, Transform}
@@ -23,20 +31,24 @@ defmodule BB.Message.Estimator.Odometry do
       pose: [
         type: {:struct, Transform},
         required: true,
-        doc: "From the coordinates of what moves to the frame's, in m."
+        doc: "The transform from the body's coordinates to the frame's, in m."
       ],
-      twist: [type: {:struct, Twist}, required: true, doc: "In m/s and rad/s."],
-      child_frame_id: [type: :atom, default: nil, doc: "What moves; `nil` is the robot."],
+      twist: [type: {:struct, Twist}, required: true, doc: "The velocities in m/s and rad/s."],
+      child_frame_id: [
+        type: :atom,
+        default: nil,
+        doc: "The frame of the body; `nil` is the robot."
+      ],
       pose_covariance: [
         type: {:or, [{:struct, Covariance6}, nil]},
         default: nil,
-        doc: "Of x, y, z and the rotations about them, in m² and rad²; `nil` is not known."
+        doc: "The covariance of x, y, z and the rotations about them, in m² and rad², if known."
       ],
       twist_covariance: [
         type: {:or, [{:struct, Covariance6}, nil]},
         default: nil,
         doc:
-          "Of the velocities along and about x, y and z, in m²/s² and rad²/s²; `nil` is not known."
+          "The covariance of the velocities along and about x, y, z, in m²/s², rad²/s², if known."
       ]
     ]
 end

@@ -1,5 +1,15 @@
 defmodule BB.Message.Estimator.Pose do
-  @moduledoc "Where something is by an estimate, how it is turned, and how sure that is."
+  @moduledoc """
+  An estimate of a body's position and orientation, with its covariance.
+
+  Use it for the result of an estimator; a pose without covariance is a
+  `BB.Message.Geometry.Pose`.
+
+      iex> pose = BB.Math.Transform.from_translation(BB.Math.Vec3.new(1, 2, 0))
+      iex> {:ok, message} = BB.Message.Estimator.Pose.new(:map, transform: pose)
+      iex> message.payload.covariance
+      nil
+  """
 
   alias BB.Math.{Covariance6, Transform}
 
@@ -12,12 +22,12 @@ defmodule BB.Message.Estimator.Pose do
       transform: [
         type: {:struct, Transform},
         required: true,
-        doc: "From its own coordinates to the frame's, in m."
+        doc: "The transform from the body's coordinates to the frame's, in m."
       ],
       covariance: [
         type: {:or, [{:struct, Covariance6}, nil]},
         default: nil,
-        doc: "Of x, y, z and the rotations about them, in m² and rad²; `nil` is not known."
+        doc: "The covariance of x, y, z and the rotations about them, in m² and rad², if known."
       ]
     ]
 end

@@ -1,5 +1,12 @@
 defmodule BB.Message.Firmware.RoundTrip do
-  @moduledoc "What a guard of the firmware sends to itself, to see that it arrives. Published on `[:firmware, :guard]`."
+  @moduledoc """
+  The message with which the firmware guard tests the robot's bus: it publishes one on
+  `[:firmware, :guard]` and waits until it receives it.
+
+      iex> {:ok, message} = BB.Message.Firmware.RoundTrip.new(:guard, token: 7)
+      iex> message.payload.token
+      7
+  """
 
   defstruct [:token]
 

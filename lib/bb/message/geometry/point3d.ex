@@ -1,5 +1,13 @@
 defmodule BB.Message.Geometry.Point3D do
-  @moduledoc "Where something is."
+  @moduledoc """
+  The position of a point.
+
+  Use it for the position of something without an orientation:
+
+      iex> {:ok, message} = BB.Message.Geometry.Point3D.new(:camera, BB.Math.Vec3.new(0, 0, 1.5))
+      iex> message.payload.vec.z
+      1.5
+  """
 
   alias BB.Math.Vec3
 
@@ -9,10 +17,14 @@ defmodule BB.Message.Geometry.Point3D do
 
   use BB.Message,
     schema: [
-      vec: [type: {:struct, Vec3}, required: true, doc: "In the frame's coordinates, in m."]
+      vec: [
+        type: {:struct, Vec3},
+        required: true,
+        doc: "The position in the frame's coordinates, in m."
+      ]
     ]
 
-  @doc "A message of the `vec` itself, or of attributes: `{:ok, message}`."
+  @doc "Creates a message from the vector, or from attributes. Returns `{:ok, message}`."
   @spec new(atom(), Vec3.t() | BB.Message.attrs()) ::
           {:ok, BB.Message.t(t())} | {:error, BB.Options.ValidationError.t()}
   def new(frame_id, %Vec3{} = vec), do: BB.Message.new(__MODULE__, frame_id, vec: vec)

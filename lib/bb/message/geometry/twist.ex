@@ -1,5 +1,15 @@
 defmodule BB.Message.Geometry.Twist do
-  @moduledoc "How something moves."
+  @moduledoc """
+  The linear and angular velocity of a body.
+
+  Use it for measured, estimated or commanded velocities:
+
+      iex> alias BB.Math.Vec3
+      iex> linear = Vec3.new(0.5, 0, 0)
+      iex> {:ok, message} = BB.Message.Geometry.Twist.new(:base_link, linear, Vec3.zero())
+      iex> message.payload.linear.x
+      0.5
+  """
 
   alias BB.Math.Vec3
 
@@ -9,11 +19,11 @@ defmodule BB.Message.Geometry.Twist do
 
   use BB.Message,
     schema: [
-      linear: [type: {:struct, Vec3}, required: true, doc: "In m/s."],
-      angular: [type: {:struct, Vec3}, required: true, doc: "In rad/s."]
+      linear: [type: {:struct, Vec3}, required: true, doc: "The linear velocity in m/s."],
+      angular: [type: {:struct, Vec3}, required: true, doc: "The angular velocity in rad/s."]
     ]
 
-  @doc "A message of the two vectors, `{:ok, message}`."
+  @doc "Creates a message from the two vectors. Returns `{:ok, message}`."
   @spec new(atom(), Vec3.t(), Vec3.t()) ::
           {:ok, BB.Message.t(t())} | {:error, BB.Options.ValidationError.t()}
   def new(frame_id, linear, angular), do: new(frame_id, linear: linear, angular: angular)

@@ -1,5 +1,14 @@
 defmodule BB.Message.Geometry.Twist2D do
-  @moduledoc "How something moves in the plane."
+  @moduledoc """
+  The velocity of a body in the plane.
+
+  Use it for joints and bodies that move in a plane, for example in
+  `BB.Message.Sensor.JointState`:
+
+      iex> {:ok, message} = BB.Message.Geometry.Twist2D.new(:base_link, 0.5, 0.0, 0.1)
+      iex> message.payload.omega
+      0.1
+  """
 
   defstruct [:vx, :vy, :omega]
 
@@ -7,12 +16,16 @@ defmodule BB.Message.Geometry.Twist2D do
 
   use BB.Message,
     schema: [
-      vx: [type: :float, required: true, doc: "In m/s."],
-      vy: [type: :float, required: true, doc: "In m/s."],
-      omega: [type: :float, required: true, doc: "Counter-clockwise, in rad/s."]
+      vx: [type: :float, required: true, doc: "The velocity along x, in m/s."],
+      vy: [type: :float, required: true, doc: "The velocity along y, in m/s."],
+      omega: [
+        type: :float,
+        required: true,
+        doc: "The angular velocity, counter-clockwise, in rad/s."
+      ]
     ]
 
-  @doc "A message of the three floats, `{:ok, message}`."
+  @doc "Creates a message from the three floats. Returns `{:ok, message}`."
   @spec new(atom(), float(), float(), float()) ::
           {:ok, BB.Message.t(t())} | {:error, BB.Options.ValidationError.t()}
   def new(frame_id, vx, vy, omega), do: new(frame_id, vx: vx, vy: vy, omega: omega)

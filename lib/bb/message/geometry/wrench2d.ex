@@ -1,5 +1,14 @@
 defmodule BB.Message.Geometry.Wrench2D do
-  @moduledoc "What acts on something in the plane."
+  @moduledoc """
+  The force and torque on a body in the plane.
+
+  Use it for joints and bodies that move in a plane, for example in
+  `BB.Message.Sensor.JointState`:
+
+      iex> {:ok, message} = BB.Message.Geometry.Wrench2D.new(:base_link, 2.0, 0.0, 0.1)
+      iex> message.payload.tau
+      0.1
+  """
 
   defstruct [:fx, :fy, :tau]
 
@@ -7,12 +16,12 @@ defmodule BB.Message.Geometry.Wrench2D do
 
   use BB.Message,
     schema: [
-      fx: [type: :float, required: true, doc: "In N."],
-      fy: [type: :float, required: true, doc: "In N."],
-      tau: [type: :float, required: true, doc: "Counter-clockwise, in N·m."]
+      fx: [type: :float, required: true, doc: "The force along x, in N."],
+      fy: [type: :float, required: true, doc: "The force along y, in N."],
+      tau: [type: :float, required: true, doc: "The torque, counter-clockwise, in N·m."]
     ]
 
-  @doc "A message of the three floats, `{:ok, message}`."
+  @doc "Creates a message from the three floats. Returns `{:ok, message}`."
   @spec new(atom(), float(), float(), float()) ::
           {:ok, BB.Message.t(t())} | {:error, BB.Options.ValidationError.t()}
   def new(frame_id, fx, fy, tau), do: new(frame_id, fx: fx, fy: fy, tau: tau)

@@ -1,11 +1,17 @@
 defmodule BB.Message.Network.Connection do
   @moduledoc """
-  How far the board's network reaches. Published on `[:sensor, :network]`.
+  The state of the board's network connection, published on `[:sensor, :network]`.
 
-    * `:disconnected` - nowhere
-    * `:lan` - to the neighbours: enough for a robot and its operator
-    * `:internet` - everywhere
-    * `:unknown` - nobody here knows: the network is not the robot's own
+      iex> {:ok, message} = BB.Message.Network.Connection.new(:network, state: :lan)
+      iex> message.payload.state
+      :lan
+
+  The states are:
+
+    * `:disconnected` - the board has no network
+    * `:lan` - the board reaches its local network, which is enough for a robot and its operator
+    * `:internet` - the board reaches the Internet
+    * `:unknown` - the state is unknown, because the network is not the robot's own
   """
 
   @states [:disconnected, :lan, :internet, :unknown]

@@ -1,5 +1,15 @@
 defmodule BB.Message.Sensor.BatteryState do
-  @moduledoc "A battery: what is in it, and how it fares."
+  @moduledoc """
+  The charge and health of a battery.
+
+  Battery monitors publish it; a monitor that measures only voltage and current publishes
+  `BB.Message.Sensor.PowerState`.
+
+      iex> {:ok, message} = BB.Message.Sensor.BatteryState.new(:battery,
+      ...>   voltage: 11.8, percentage: 0.64, power_supply_status: :discharging)
+      iex> message.payload.percentage
+      0.64
+  """
 
   @statuses [:unknown, :charging, :discharging, :not_charging, :full]
   @healths [:unknown, :good, :overheat, :dead, :overvoltage, :cold]
@@ -28,15 +38,23 @@ defmodule BB.Message.Sensor.BatteryState do
 
   use BB.Message,
     schema: [
-      voltage: [type: :float, required: true, doc: "In V."],
-      current: [type: :float, default: 0.0, doc: "In A, negative while it discharges."],
-      charge: [type: :float, default: 0.0, doc: "In Ah."],
-      capacity: [type: :float, default: 0.0, doc: "When it was last full, in Ah."],
+      voltage: [type: :float, required: true, doc: "The voltage in V."],
+      current: [
+        type: :float,
+        default: 0.0,
+        doc: "The current in A, negative while the battery discharges."
+      ],
+      charge: [type: :float, default: 0.0, doc: "The charge in Ah."],
+      capacity: [
+        type: :float,
+        default: 0.0,
+        doc: "The charge when the battery was last full, in Ah."
+      ],
       percentage: [
         type: {:custom, __MODULE__, :check_percentage, []},
         default: nil,
         type_doc: "`t:float/0`",
-        doc: "How full it is, 0.0 to 1.0; `nil` when not known."
+        doc: "The charge as a fraction from 0.0 to 1.0; `nil` if unknown."
       ],
       power_supply_status: [
         type: {:in, @statuses},
@@ -48,7 +66,7 @@ defmodule BB.Message.Sensor.BatteryState do
         default: :unknown,
         doc: "One of #{Enum.map_join(@healths, ", ", &"`#{inspect(&1)}`")}."
       ],
-      present: [type: :boolean, default: true, doc: "Whether there is one."]
+      present: [type: :boolean, default: true, doc: "Whether the battery is present."]
     ]
 
   @doc false

@@ -1,5 +1,13 @@
 defmodule BB.Message.Sensor.Contact do
-  @moduledoc "A switch that something presses: bumper, limit switch, emergency stop."
+  @moduledoc """
+  The state of a switch: a bumper, a limit switch or an emergency stop.
+
+      iex> {:ok, message} = BB.Message.Sensor.Contact.new(:bumper, pressed: true)
+      iex> message.payload.pressed
+      true
+
+  `BB.Sensor.ContactSwitch` and `BB.Sensor.EmergencyStop` publish it.
+  """
 
   defstruct [:pressed]
 
@@ -10,7 +18,7 @@ defmodule BB.Message.Sensor.Contact do
       pressed: [
         type: :boolean,
         required: true,
-        doc: "Whether it is pressed, whatever the wiring's polarity."
+        doc: "Whether the switch is pressed, whatever the polarity of its wiring."
       ]
     ]
 end

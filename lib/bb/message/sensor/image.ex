@@ -2,7 +2,13 @@ defmodule BB.Message.Sensor.Image do
   @moduledoc """
   An uncompressed image: `height` rows of `step` bytes, each with `width` pixels at its beginning.
 
-  Frames of a camera are large and many: they travel by the ring, and this message is for the occasional one.
+  Use it for single images. The frames of a camera are large and frequent, and are sent by the
+  ring.
+
+      iex> {:ok, message} = BB.Message.Sensor.Image.new(:camera,
+      ...>   height: 2, width: 2, step: 2, encoding: :mono8, data: <<1, 2, 3, 4>>)
+      iex> byte_size(message.payload.data)
+      4
   """
 
   @encodings [
@@ -35,8 +41,8 @@ defmodule BB.Message.Sensor.Image do
 
   use BB.Message,
     schema: [
-      height: [type: :non_neg_integer, required: true, doc: "Rows."],
-      width: [type: :non_neg_integer, required: true, doc: "Pixels in a row."],
+      height: [type: :non_neg_integer, required: true, doc: "The number of rows."],
+      width: [type: :non_neg_integer, required: true, doc: "The number of pixels in a row."],
       encoding: [
         type: {:in, @encodings},
         required: true,
@@ -45,9 +51,13 @@ defmodule BB.Message.Sensor.Image do
       is_bigendian: [
         type: :boolean,
         default: false,
-        doc: "The byte order of encodings with 16 bits."
+        doc: "Whether values of 16 bits are big-endian."
       ],
-      step: [type: :non_neg_integer, required: true, doc: "Bytes in a row, with its padding."],
-      data: [type: :string, required: true, doc: "`step * height` bytes."]
+      step: [
+        type: :non_neg_integer,
+        required: true,
+        doc: "The number of bytes in a row, padding included."
+      ],
+      data: [type: :string, required: true, doc: "The pixels, `step * height` bytes."]
     ]
 end

@@ -1,10 +1,21 @@
 defmodule BB.Message.Sensor.Imu do
   @moduledoc """
-  Rotation and acceleration of an inertial measurement unit, in the axes of its own body.
+  A measurement of an inertial measurement unit, in the axes of its own body.
 
-  The acceleration is the specific force: a unit at rest with z up reads about +9.81 m/s² on z. A unit that does not know its
-  orientation gives `BB.Math.Quaternion.identity/0` with `BB.Math.Covariance3.unavailable/0`. A covariance of `nil` is one that
-  nobody knows.
+  Drivers such as `BB.Sensor.Mpu6050` publish it:
+
+      iex> alias BB.Math.{Covariance3, Quaternion, Vec3}
+      iex> {:ok, message} = BB.Message.Sensor.Imu.new(:imu,
+      ...>   orientation: Quaternion.identity(),
+      ...>   orientation_covariance: Covariance3.unavailable(),
+      ...>   angular_velocity: Vec3.zero(),
+      ...>   linear_acceleration: Vec3.new(0, 0, 9.81))
+      iex> message.payload.linear_acceleration.z
+      9.81
+
+  The acceleration is the specific force: a unit at rest with z up measures about +9.81 m/s² on z.
+  A unit that does not measure its orientation publishes `BB.Math.Quaternion.identity/0` with
+  `BB.Math.Covariance3.unavailable/0`, as above. A covariance of `nil` is unknown.
   """
 
   alias BB.Math.{Covariance3, Quaternion, Vec3}
@@ -34,12 +45,21 @@ defmodule BB.Message.Sensor.Imu do
       orientation: [
         type: {:struct, Quaternion},
         required: true,
-        doc: "From the unit's axes to the world's."
+        doc: "The rotation from the unit's axes to the world's."
       ],
-      angular_velocity: [type: {:struct, Vec3}, required: true, doc: "In rad/s."],
-      linear_acceleration: [type: {:struct, Vec3}, required: true, doc: "In m/s²."],
-      orientation_covariance: @covariance ++ [doc: "Of roll, pitch and yaw, in rad²."],
-      angular_velocity_covariance: @covariance ++ [doc: "In rad²/s²."],
-      linear_acceleration_covariance: @covariance ++ [doc: "In m²/s⁴."]
+      angular_velocity: [
+        type: {:struct, Vec3},
+        required: true,
+        doc: "The angular velocity in rad/s."
+      ],
+      linear_acceleration: [
+        type: {:struct, Vec3},
+        required: true,
+        doc: "The acceleration in m/s²."
+      ],
+      orientation_covariance:
+        @covariance ++ [doc: "The covariance of roll, pitch and yaw, in rad²."],
+      angular_velocity_covariance: @covariance ++ [doc: "The covariance in rad²/s²."],
+      linear_acceleration_covariance: @covariance ++ [doc: "The covariance in m²/s⁴."]
     ]
 end

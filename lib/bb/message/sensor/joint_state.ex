@@ -1,10 +1,17 @@
 defmodule BB.Message.Sensor.JointState do
   @moduledoc """
-  Positions, velocities and efforts of joints.
+  The positions, velocities and efforts of joints.
 
-  The lists run in the order of `names`; one that is empty is not known. A revolute joint has rad, rad/s and N·m, a prismatic
-  one m, m/s and N, each a float. A joint that moves in the plane or freely has the structs of `BB.Math` and
-  `BB.Message.Geometry` for these.
+  Encoders and actuators that measure their joints publish it:
+
+      iex> {:ok, message} = BB.Message.Sensor.JointState.new(:arm,
+      ...>   names: [:shoulder, :elbow], positions: [0.5, 1.2])
+      iex> message.payload.velocities
+      []
+
+  The lists are in the order of `names`; an empty list is unknown. The values are floats, in rad,
+  rad/s and N·m for a revolute joint, and in m, m/s and N for a prismatic one. A joint that moves
+  in the plane or freely has the structs of `BB.Math` and `BB.Message.Geometry` instead.
   """
 
   alias BB.Math.{Transform, Transform2D}
@@ -25,7 +32,7 @@ defmodule BB.Message.Sensor.JointState do
         type: {:custom, __MODULE__, :check_names, []},
         required: true,
         type_doc: "list of `t:atom/0`",
-        doc: "The joints."
+        doc: "The names of the joints."
       ],
       positions: [
         type: {:custom, __MODULE__, :check_values, [[Transform2D, Transform]]},
@@ -46,20 +53,23 @@ defmodule BB.Message.Sensor.JointState do
     ]
 
   @doc false
-  def check_names(names), do: check(names, &is_atom/1, fn -> "an atom" end)
+  def check_names(names), do: check_elements(names, &is_atom/1, fn -> "an atom" end)
 
   @doc false
   def check_values(values, structs) do
     valid? = &(is_float(&1) or (is_struct(&1) and &1.__struct__ in structs))
-    check(values, valid?, fn -> "a float, #{Enum.map_join(structs, " or ", &inspect/1)}" end)
+
+    check_elements(values, valid?, fn ->
+      "a float, #{Enum.map_join(structs, " or ", &inspect/1)}"
+    end)
   end
 
-  defp check(list, valid?, expected) do
-    case first_wrong(list, valid?, 0) do
+  defp check_elements(list, valid?, expected) do
+    case find_invalid(list, valid?, 0) do
       nil ->
         {:ok, list}
 
-      :no_list ->
+      :not_a_list ->
         {:error, "expected a list, each element #{expected.()}, got: #{inspect(list)}"}
 
       {n, element} ->
@@ -67,9 +77,9 @@ defmodule BB.Message.Sensor.JointState do
     end
   end
 
-  defp first_wrong([element | rest], valid?, n),
-    do: if(valid?.(element), do: first_wrong(rest, valid?, n + 1), else: {n, element})
+  defp find_invalid([element | rest], valid?, n),
+    do: if(valid?.(element), do: find_invalid(rest, valid?, n + 1), else: {n, element})
 
-  defp first_wrong([], _valid?, _n), do: nil
-  defp first_wrong(_other, _valid?, _n), do: :no_list
+  defp find_invalid([], _valid?, _n), do: nil
+  defp find_invalid(_other, _valid?, _n), do: :not_a_list
 end

@@ -1,5 +1,15 @@
 defmodule BB.Message.Sensor.PowerState do
-  @moduledoc "What a power monitor measures on one rail."
+  @moduledoc """
+  The voltage, current and power on one rail, as a power monitor measures them.
+
+      iex> fields = [voltage: 7.4, current: -0.2]
+      iex> {:ok, message} = BB.Message.Sensor.PowerState.new(:battery, fields)
+      iex> message.payload.power
+      nil
+
+  Drivers of power monitors publish it; the state of a battery is
+  `BB.Message.Sensor.BatteryState`.
+  """
 
   defstruct [:voltage, :current, :power, :shunt_voltage]
 
@@ -12,9 +22,17 @@ defmodule BB.Message.Sensor.PowerState do
 
   use BB.Message,
     schema: [
-      voltage: [type: :float, required: true, doc: "Of the bus, in V."],
-      current: [type: :float, required: true, doc: "In A, signed: the sign says the direction."],
-      power: [type: {:or, [:float, nil]}, default: nil, doc: "In W, when the chip measures it."],
-      shunt_voltage: [type: {:or, [:float, nil]}, default: nil, doc: "Across the shunt, in V."]
+      voltage: [type: :float, required: true, doc: "The voltage of the rail, in V."],
+      current: [type: :float, required: true, doc: "The current in A, signed by direction."],
+      power: [
+        type: {:or, [:float, nil]},
+        default: nil,
+        doc: "The power in W, if the chip measures it."
+      ],
+      shunt_voltage: [
+        type: {:or, [:float, nil]},
+        default: nil,
+        doc: "The voltage across the shunt, in V."
+      ]
     ]
 end

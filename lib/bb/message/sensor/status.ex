@@ -1,13 +1,19 @@
 defmodule BB.Message.Sensor.Status do
   @moduledoc """
-  How a sensor fares, published on `[:sensor_status | path]` at each change.
+  The status of a component, published on `[:sensor_status | path]` at each change.
 
-  The states:
+      iex> {:ok, message} = BB.Message.Sensor.Status.new(:imu, state: :backoff,
+      ...>   reason: :i2c_nak, restarts: 3, retry_in_ms: 400)
+      iex> message.payload.state
+      :backoff
 
-    * `:up` - it runs
-    * `:backoff` - it went down, for `reason`, and is started again in `retry_in_ms` milliseconds
-    * `:stale` - it runs, but has published or carried nothing for longer than its `max_silence`
-    * `:ignored` - it declined to start (`:ignore`), and is not started again
+  The states are:
+
+    * `:up` - the component runs
+    * `:backoff` - it ended, for `reason`, and restarts in `retry_in_ms` milliseconds
+    * `:stale` - it runs, but has published or carried no message for longer than its
+      `max_silence`
+    * `:ignored` - it declined to start (`:ignore`), and is not restarted
   """
 
   @states [:up, :backoff, :stale, :ignored]
@@ -29,17 +35,17 @@ defmodule BB.Message.Sensor.Status do
       reason: [
         type: :any,
         default: nil,
-        doc: "Why it is down, as its driver says; `nil` when it is up."
+        doc: "The reason why the component is down, from its driver; `nil` while it is up."
       ],
       restarts: [
         type: :non_neg_integer,
         default: 0,
-        doc: "How often it was started again since the robot was started."
+        doc: "The number of restarts since the robot was started."
       ],
       retry_in_ms: [
         type: {:or, [:non_neg_integer, nil]},
         default: nil,
-        doc: "When it is started again, in milliseconds from now; `nil` when it need not be."
+        doc: "The time until the restart, in milliseconds; `nil` if none is due."
       ]
     ]
 end

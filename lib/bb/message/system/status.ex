@@ -1,15 +1,24 @@
 defmodule BB.Message.System.Status do
   @moduledoc """
-  How the computer fares that the robot runs on: heat, throttling, memory, load.
+  The state of the robot's computer: temperature, throttling, memory and load.
 
-  `throttling` says what holds the processor back now, `throttled_before` what has done so since the computer was started:
+  `BB.Sensor.System` publishes it:
 
-    * `:under_voltage` - the supply's voltage is too low
+      iex> {:ok, message} = BB.Message.System.Status.new(:board, temperature: 51.2, processors: 4,
+      ...>   memory_total: 512_000_000, memory_available: 301_000_000,
+      ...>   load_1_min: 0.4, load_5_min: 0.3, load_15_min: 0.2)
+      iex> message.payload.throttling
+      nil
+
+  `throttling` lists what limits the processor now, `throttled_before` what has limited it since
+  the computer was started:
+
+    * `:under_voltage` - the supply voltage is too low
     * `:frequency_capped` - the clock is limited
     * `:throttled` - the clock is reduced
-    * `:soft_temperature_limit` - the processor is so hot that its clock is limited
+    * `:soft_temperature_limit` - the clock is limited because the processor is hot
 
-  Each is `nil` on a computer that does not tell.
+  Both are `nil` on a computer that does not report them.
   """
 
   @causes [:under_voltage, :frequency_capped, :throttled, :soft_temperature_limit]
@@ -47,28 +56,28 @@ defmodule BB.Message.System.Status do
       temperature: [
         type: {:or, [:float, nil]},
         default: nil,
-        doc: "Of the processor, in °C; `nil` where there is no such sensor."
+        doc: "The temperature of the processor, in °C; `nil` without such a sensor."
       ],
-      throttling: [type: @list, default: nil, doc: "What holds the processor back now."],
-      throttled_before: [type: @list, default: nil, doc: "What has done so since the start."],
-      memory_total: [type: :pos_integer, required: true, doc: "In bytes."],
+      throttling: [type: @list, default: nil, doc: "The present limits of the processor."],
+      throttled_before: [type: @list, default: nil, doc: "The limits since the start."],
+      memory_total: [type: :pos_integer, required: true, doc: "The memory in bytes."],
       memory_available: [
         type: :non_neg_integer,
         required: true,
-        doc: "What programs can still get without swapping, in bytes."
+        doc: "The memory that programs can still allocate without swapping, in bytes."
       ],
       load_1_min: [
         type: :float,
         required: true,
         doc:
-          "How many tasks ran or waited for a processor or a disk, on average over the last minute."
+          "The mean number of tasks that ran or waited for a processor or a disk, over a minute."
       ],
-      load_5_min: [type: :float, required: true, doc: "The same over five minutes."],
-      load_15_min: [type: :float, required: true, doc: "The same over fifteen minutes."],
+      load_5_min: [type: :float, required: true, doc: "The mean over five minutes."],
+      load_15_min: [type: :float, required: true, doc: "The mean over fifteen minutes."],
       processors: [
         type: :pos_integer,
         required: true,
-        doc: "Processors in use: a load above their number means waiting."
+        doc: "The number of processors in use. With a load above it, tasks wait."
       ]
     ]
 end

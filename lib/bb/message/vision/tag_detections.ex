@@ -1,9 +1,17 @@
 defmodule BB.Message.Vision.TagDetections do
   @moduledoc """
-  The tags that were found in one camera frame: a message for each frame, also where there was none.
+  The tags in one camera frame. There is a message for each frame, even without a tag.
 
-  The envelope's times are those of the capture, so that detections can be laid beside other measurements. `angular_speed` is
-  how fast the camera turned at that time, by the inertial unit's account: a blurred tag has its reason there.
+  The vision process publishes it through an inlet:
+
+      iex> {:ok, message} = BB.Message.Vision.TagDetections.new(:camera,
+      ...>   frame_sequence: 3, capture_time: 1_000_000, detections: [])
+      iex> message.payload.detections
+      []
+
+  The times of the message are those of the capture, so that detections can be combined with other
+  measurements. `angular_speed` is the speed at which the camera rotated at that time, by the
+  inertial measurement unit: it explains a blurred tag.
   """
 
   alias BB.Message.Vision.TagDetection
@@ -35,25 +43,29 @@ defmodule BB.Message.Vision.TagDetections do
       frame_sequence: [
         type: :non_neg_integer,
         required: true,
-        doc: "The frame's sequence number on its ring."
+        doc: "The sequence number of the frame on its ring."
       ],
-      camera_frame_id: [type: @count, default: nil, doc: "The camera's own count of its frames."],
-      image_width: [type: @count, default: nil, doc: "In pixels."],
-      image_height: [type: @count, default: nil, doc: "In pixels."],
+      camera_frame_id: [
+        type: @count,
+        default: nil,
+        doc: "The number of the frame by the camera's own count."
+      ],
+      image_width: [type: @count, default: nil, doc: "The width in pixels."],
+      image_height: [type: @count, default: nil, doc: "The height in pixels."],
       capture_time: [
         type: :integer,
         required: true,
-        doc: "When the frame was captured: Erlang monotonic time in ns."
+        doc: "The time of the capture, Erlang monotonic time in ns."
       ],
       angular_speed: [
         type: {:or, [:float, nil]},
         default: nil,
-        doc: "The norm of the angular velocity at that time, in rad/s; `nil` when not known."
+        doc: "The norm of the angular velocity at that time, in rad/s; `nil` if unknown."
       ],
       detections: [
         type: {:list, {:struct, TagDetection}},
         required: true,
-        doc: "One `BB.Message.Vision.TagDetection` a tag."
+        doc: "A `BB.Message.Vision.TagDetection` for each tag."
       ]
     ]
 end

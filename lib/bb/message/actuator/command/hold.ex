@@ -1,5 +1,13 @@
 defmodule BB.Message.Actuator.Command.Hold do
-  @moduledoc "Stay where you are, and withstand what pushes."
+  @moduledoc """
+  The command to hold the present position against external forces.
+
+  Use it to keep a joint where it is:
+
+      iex> {:ok, message} = BB.Message.Actuator.Command.Hold.new(:shoulder, [])
+      iex> message.payload.command_id
+      nil
+  """
 
   defstruct [:command_id]
 
@@ -10,7 +18,7 @@ defmodule BB.Message.Actuator.Command.Hold do
       command_id: [
         type: {:or, [:reference, nil]},
         default: nil,
-        doc: "Comes back in the messages about the motion that it causes."
+        doc: "An id that the messages about the resulting motion repeat."
       ]
     ]
 end

@@ -1,5 +1,13 @@
 defmodule BB.Message.Actuator.Command.Position do
-  @moduledoc "Go to a position."
+  @moduledoc """
+  The command to move to a position.
+
+  Use it for joints whose actuator controls the position, such as a servo:
+
+      iex> {:ok, message} = BB.Message.Actuator.Command.Position.new(:shoulder, position: 1.57)
+      iex> message.payload.position
+      1.57
+  """
 
   defstruct [:position, :velocity, :duration, :command_id]
 
@@ -12,21 +20,25 @@ defmodule BB.Message.Actuator.Command.Position do
 
   use BB.Message,
     schema: [
-      position: [type: :float, required: true, doc: "In rad, or m of a prismatic joint."],
+      position: [
+        type: :float,
+        required: true,
+        doc: "The position in rad, or in m for a prismatic joint."
+      ],
       velocity: [
         type: {:or, [:float, nil]},
         default: nil,
-        doc: "How fast, in rad/s or m/s; a wish."
+        doc: "The desired velocity, in rad/s or m/s. It is not guaranteed."
       ],
       duration: [
         type: {:or, [:pos_integer, nil]},
         default: nil,
-        doc: "How long it may take, in milliseconds; a wish."
+        doc: "The desired duration, in milliseconds. It is not guaranteed."
       ],
       command_id: [
         type: {:or, [:reference, nil]},
         default: nil,
-        doc: "Comes back in the messages about the motion that it causes."
+        doc: "An id that the messages about the resulting motion repeat."
       ]
     ]
 end

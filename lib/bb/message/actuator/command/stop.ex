@@ -1,5 +1,13 @@
 defmodule BB.Message.Actuator.Command.Stop do
-  @moduledoc "Stop moving. It does not make the actuator safe: that is disarming."
+  @moduledoc """
+  The command to stop moving.
+
+  Stopping does not make an actuator safe; disarming does (`BB.Safety.disarm/1`).
+
+      iex> {:ok, message} = BB.Message.Actuator.Command.Stop.new(:wheel, mode: :decelerate)
+      iex> message.payload.mode
+      :decelerate
+  """
 
   defstruct [:command_id, mode: :immediate]
 
@@ -10,12 +18,12 @@ defmodule BB.Message.Actuator.Command.Stop do
       mode: [
         type: {:in, [:immediate, :decelerate]},
         default: :immediate,
-        doc: "At once, or slowing down first."
+        doc: "Whether to stop at once or to decelerate."
       ],
       command_id: [
         type: {:or, [:reference, nil]},
         default: nil,
-        doc: "Comes back in the messages about the motion that it causes."
+        doc: "An id that the messages about the resulting motion repeat."
       ]
     ]
 end

@@ -1,6 +1,8 @@
 defmodule BB.Message.Actuator.Command.Trajectory do
   @moduledoc """
-  Follow waypoints: be at a position, with a velocity and an acceleration, at a time after the start.
+  The command to follow waypoints, each with position, velocity, acceleration and time.
+
+  Use it for a motion that is planned in advance:
 
       iex> {:ok, message} = BB.Message.Actuator.Command.Trajectory.new(:shoulder, waypoints: [
       ...>   [position: 0.0, velocity: 0.0, acceleration: 0.0, time_from_start: 0],
@@ -11,13 +13,21 @@ defmodule BB.Message.Actuator.Command.Trajectory do
   """
 
   @waypoint BB.Options.new!(
-              position: [type: :float, required: true, doc: "In rad, or m of a prismatic joint."],
-              velocity: [type: :float, required: true, doc: "In rad/s or m/s."],
-              acceleration: [type: :float, required: true, doc: "In rad/s² or m/s²."],
+              position: [
+                type: :float,
+                required: true,
+                doc: "The position in rad, or in m for a prismatic joint."
+              ],
+              velocity: [type: :float, required: true, doc: "The velocity in rad/s or m/s."],
+              acceleration: [
+                type: :float,
+                required: true,
+                doc: "The acceleration in rad/s² or m/s²."
+              ],
               time_from_start: [
                 type: :non_neg_integer,
                 required: true,
-                doc: "In milliseconds."
+                doc: "The time since the start, in milliseconds."
               ]
             )
 
@@ -42,17 +52,19 @@ defmodule BB.Message.Actuator.Command.Trajectory do
         type: {:list, {:custom, __MODULE__, :check_waypoint, []}},
         required: true,
         type_doc: "list of `t:keyword/0`",
-        doc: "In the order of their times, each with:\n\n" <> BB.Options.docs(@waypoint)
+        doc:
+          "The waypoints in the order of their times, each with:\n\n" <>
+            BB.Options.docs(@waypoint)
       ],
       repeat: [
         type: {:or, [:pos_integer, {:literal, :forever}]},
         default: 1,
-        doc: "How often."
+        doc: "The number of times to follow the waypoints."
       ],
       command_id: [
         type: {:or, [:reference, nil]},
         default: nil,
-        doc: "Comes back in the messages about the motion that it causes."
+        doc: "An id that the messages about the resulting motion repeat."
       ]
     ]
 

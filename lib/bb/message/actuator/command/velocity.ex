@@ -1,5 +1,13 @@
 defmodule BB.Message.Actuator.Command.Velocity do
-  @moduledoc "Move at a velocity, until the next command or the end of the time given."
+  @moduledoc """
+  The command to move at a velocity, until the next command or for a given duration.
+
+  Use it for joints that turn continuously, such as wheels:
+
+      iex> {:ok, message} = BB.Message.Actuator.Command.Velocity.new(:wheel, velocity: 2.0)
+      iex> message.payload.velocity
+      2.0
+  """
 
   defstruct [:velocity, :duration, :command_id]
 
@@ -11,16 +19,20 @@ defmodule BB.Message.Actuator.Command.Velocity do
 
   use BB.Message,
     schema: [
-      velocity: [type: :float, required: true, doc: "In rad/s, or m/s of a prismatic joint."],
+      velocity: [
+        type: :float,
+        required: true,
+        doc: "The velocity in rad/s, or in m/s for a prismatic joint."
+      ],
       duration: [
         type: {:or, [:pos_integer, nil]},
         default: nil,
-        doc: "For how long, in milliseconds; `nil` is until told otherwise."
+        doc: "The duration in milliseconds; `nil` lasts until the next command."
       ],
       command_id: [
         type: {:or, [:reference, nil]},
         default: nil,
-        doc: "Comes back in the messages about the motion that it causes."
+        doc: "An id that the messages about the resulting motion repeat."
       ]
     ]
 end
