@@ -16,10 +16,11 @@ defmodule BB.CallbackTest do
   def even(_other), do: :error
   def one(1), do: :one
 
-  # What a callback does counts here; only what hangs on purpose has little time.
+  # A long time limit for callbacks whose result counts; those that hang on purpose get a short
+  # one.
   @patience_ms 60_000
 
-  # Each has a name of its own, under which it is remembered.
+  # Each call has a name of its own, under which failures are remembered.
   defp call(fun, opts \\ []) do
     name = opts[:name] || "callback #{System.unique_integer([:positive])}"
     defaults = [name: name, timeout_ms: @patience_ms]
@@ -28,7 +29,7 @@ defmodule BB.CallbackTest do
 
   defp hang, do: Process.sleep(:infinity)
 
-  # The little time that it has may be over before it has begun.
+  # The short time limit may be over before the function starts.
   defp timed_out_after_its_message(hang) do
     assert {:error, {:timeout, 20}} = call(hang, timeout_ms: 20)
 
@@ -125,7 +126,7 @@ defmodule BB.CallbackTest do
       assert {:error, {:raised, "FunctionClauseError: " <> _}} = Callback.call(call, opts)
       assert Callback.call({__MODULE__, :one, [1]}, [partial: true] ++ opts) == {:ok, :one}
 
-      # Of another function it is a mistake.
+      # A missing clause of another function is a failure.
       assert {:error, {:raised, _}} = call(fn -> one(2) end, partial: true)
     end
   end

@@ -11,7 +11,7 @@ defmodule BB.LoopTest do
   @bb %{robot: BB.LoopTest.Robot, path: [:base, :imu]}
   @period 1_000_000
 
-  # Armed with a deadline that a test can reckon with; its timer is far away.
+  # A loop whose deadline is known to the test, and whose timer does not fire.
   defp armed(deadline_ns) do
     loop = Loop.new(@bb, clock: {:rate, 1_000})
     %{loop | deadline_ns: deadline_ns, tick_ref: make_ref()}

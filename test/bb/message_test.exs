@@ -258,7 +258,7 @@ defmodule BB.MessageTest do
     ]
   end
 
-  # Values beside those that fit by a hair.
+  # Values just outside of the valid ones.
   defp near do
     [
       {:float, oneof([0.0, 0])},
@@ -273,7 +273,7 @@ defmodule BB.MessageTest do
     ]
   end
 
-  # Mostly each key once, all that is required, in any order: what a driver gives; and sometimes anything.
+  # Mostly each required key once, in any order, as from a driver; sometimes any attributes.
   defp attrs do
     keys = Keyword.keys(Mixed.schema().schema)
     random = {oneof([:untouched | keys]), value()}
@@ -328,7 +328,7 @@ defmodule BB.MessageTest do
     assert validated(fn -> Mixed.new(:frame, float: 1) end) == 1
   end
 
-  # How often BB.Options is asked by this process while `fun` runs.
+  # Counts the calls of BB.Options by this process while `fun` runs.
   defp validated(fun) do
     :erlang.trace_pattern({BB.Options, :validate, 2}, true, [:local])
     :erlang.trace(self(), true, [:call, {:tracer, tracer = spawn_link(&count/0)}])

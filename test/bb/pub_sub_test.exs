@@ -7,7 +7,7 @@ defmodule BB.PubSubTest do
   doctest BB.PubSub
 
   defmodule Recorder do
-    @moduledoc "A process that remembers what it is sent, and runs functions."
+    @moduledoc "A process that records the messages it gets, and runs functions."
     use GenServer
 
     def start, do: GenServer.start(__MODULE__, [])
@@ -34,7 +34,7 @@ defmodule BB.PubSubTest do
   defp status(restarts \\ 0), do: Message.new!(Status, :frame, state: :up, restarts: restarts)
   defp power, do: Message.new!(PowerState, :frame, voltage: 1.0, current: 0.0)
 
-  # A process that subscribes and forwards what it receives, tagged, until it is told to stop.
+  # A process that subscribes and forwards its messages, tagged, until it gets :stop.
   defp subscriber(robot, path, opts \\ []) do
     test = self()
 
@@ -60,7 +60,7 @@ defmodule BB.PubSubTest do
     end
   end
 
-  # The processes to which this one sends while `fun` runs, in order.
+  # Returns the processes to which this one sends while `fun` runs, in order.
   defp sends(fun) do
     {:ok, tracer} = GenServer.start_link(Recorder, [])
     :erlang.trace(self(), true, [:send, {:tracer, tracer}])
@@ -351,7 +351,7 @@ defmodule BB.PubSubTest do
     refute_received {:trace, _, :call, _}
     assert_received {:bb, [:sensor, :a], _}
 
-    # Such an event would have been seen.
+    # The trace does show such an event.
     send(publisher, :emit)
 
     assert_receive {:trace, ^publisher, :call, {BB.Telemetry, :emit, [[:bb, :test, :seen] | _]}}

@@ -18,7 +18,7 @@ defmodule BB.TopicTest do
          linear_acceleration: BB.Math.Vec3.zero()
        )
 
-  # An outlet whose topic is an inlet's too; what goes in at the first comes out at the second.
+  # An outlet and an inlet on one topic: the inlet publishes the messages of the outlet.
   defp carrying(outlet, inlet, prefix \\ nil) do
     settings = if prefix, do: [topic_prefix: prefix], else: []
 
@@ -124,7 +124,7 @@ defmodule BB.TopicTest do
 
     start_supervised!(robot)
     assert eventually(fn -> live?("#{prefix}.camera") end)
-    # That it publishes there is what it is measured by.
+    # It is stale unless it publishes there.
     assert health(robot, :camera).state == :up
   end
 

@@ -180,7 +180,7 @@ defmodule BB.UnitTest do
   end
 
   describe "every kind of quantity" do
-    # The SI unit, and others of the kind.
+    # Each SI unit with other units of its dimensions.
     for {si, others} <- [
           meter: ~w(inch foot mile),
           radian: ~w(degree revolution arc_minute),

@@ -3,7 +3,7 @@ defmodule BB.Callback.Failures do
   The failures that `BB.Callback` remembers: the functions that exceeded their time limit, and
   those whose failure was logged.
 
-  `BB.Callback` asks it before it calls a function, and before it logs a failure:
+  `BB.Callback` reads and writes it before it calls a function, and before it logs a failure:
 
       Failures.hung?({MyRobot.Driver, :explain, 1})
 

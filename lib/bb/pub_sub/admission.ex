@@ -3,7 +3,7 @@ defmodule BB.PubSub.Admission do
   Decides, while a message is published, whether a subscription with `max_rate`, `max_queue` or
   `replay` gets it.
 
-  `BB.PubSub.Delivery` uses it for the subscribers that asked for one of these options; all others
+  `BB.PubSub.Delivery` uses it for the subscriptions with one of these options; all others
   get a plain `send/2`. An admission combines `BB.PubSub.Replay`, `BB.PubSub.RateLimit` and
   `BB.PubSub.QueueLimit`, in this order:
 

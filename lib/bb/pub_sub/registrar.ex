@@ -60,7 +60,7 @@ defmodule BB.PubSub.Registrar do
     streams: %{},
     # The paths whose routes are outdated already.
     outdated: %{},
-    # The paths whose routes are to be made anew.
+    # The paths whose routes are to be rebuilt.
     dirty: %{},
     # The earliest time for new routes.
     next_flush_ms: nil

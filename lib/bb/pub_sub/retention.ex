@@ -77,7 +77,7 @@ defmodule BB.PubSub.Retention do
   end
 
   @doc """
-  Sends the kept messages that the subscription asks for to the calling process.
+  Sends the kept messages that match the subscription to the calling process.
 
   The subscription is the caller's, and publishers must know it already.
   """

@@ -8,7 +8,7 @@ defmodule BB.PubSub.Statistics do
       Statistics.rows(bus)
 
   A subscription without conditions gets every message of the permanent streams that reach it. Its
-  *share* of their counts is what it has got, and nothing needs to be counted for it while
+  *share* of their counts is the number that it got, and publishers count nothing for it while
   messages are published. Its own counters correct the share: by the messages published before it
   subscribed, and by those withheld from it with `except`. On transient paths each subscription
   counts for itself, so that forgetting a path changes no figure.

@@ -1,5 +1,5 @@
 defmodule BB.Callback.DriversTest do
-  @moduledoc "Each callback of a driver does all that it can do wrong, and nobody else notices."
+  @moduledoc "Each callback of a driver fails in every way, without an effect on other processes."
   use ExUnit.Case, async: true
 
   import BB.Test.Eventually
@@ -10,7 +10,7 @@ defmodule BB.Callback.DriversTest do
 
   @moduletag :tmp_dir
 
-  # How a callback is called that is not called anyway.
+  # Calls the callbacks that the robot does not call by itself.
 
   defp provoke(:rate, robot), do: BB.Sensor.health(robot)
   defp provoke(:handle_info, robot), do: send(BB.Process.whereis(robot, :bad), :now)
@@ -19,7 +19,7 @@ defmodule BB.Callback.DriversTest do
   defp provoke(:handle_options, robot), do: :ok = BB.Parameter.set(robot, [:n], 2)
   defp provoke(_callback, _robot), do: :ok
 
-  # Those that are called when the robot stops.
+  # The callbacks that run when the robot stops.
   @late [:terminate, :disarm]
 
   for callback <- Mischief.callbacks(), kind <- Mischief.kinds() do
@@ -43,7 +43,7 @@ defmodule BB.Callback.DriversTest do
   defp up?(callback),
     do: callback in [:rate, :handle_info, :handle_cast, :handle_call, :handle_options | @late]
 
-  # What health says of the component itself.
+  # The health of the component itself.
 
   defp says!(:explain, kind, robot) when kind != :huge do
     assert eventually(fn -> health(robot, :bad).state == :backoff end, long_ms())

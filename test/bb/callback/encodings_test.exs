@@ -1,7 +1,6 @@
 defmodule BB.Callback.EncodingsTest do
   @moduledoc """
-  Each callback of an encoding does all that it can do wrong, and nobody but its outlet or inlet
-  notices.
+  Each callback of an encoding fails in every way, without an effect beyond its outlet or inlet.
   """
   use ExUnit.Case, async: true
 
@@ -49,10 +48,10 @@ defmodule BB.Callback.EncodingsTest do
     stops!(robot, root)
   end
 
-  # Killed while it opens its topic it would leave that.
+  # A process killed while it opens its topic would leave the topic behind.
   defp opens!(robot), do: eventually(fn -> health(robot, :bad).state != :starting end, long_ms())
 
-  # Somebody publishes what an inlet is to decode.
+  # Publishes bytes for an inlet to decode.
   defp feed(:decode, topic) do
     start_supervised!(
       {Task,

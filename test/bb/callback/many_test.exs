@@ -1,5 +1,5 @@
 defmodule BB.Callback.ManyTest do
-  @moduledoc "What goes wrong in many sensors, or many times, costs as much as once."
+  @moduledoc "A failure in many sensors, or many times, costs as much as one."
   use ExUnit.Case, async: true
 
   import BB.Test.Eventually
@@ -40,7 +40,7 @@ defmodule BB.Callback.ManyTest do
     end
 
     test "that hang when the robot stops do not each take their time" do
-      # One takes five seconds, fifteen would take more than a minute.
+      # One callback takes five seconds; fifteen in sequence would take more than a minute.
       hung = for n <- 1..15, do: {:"bad#{n}", Mischief.driver(:handle_info, :hang)}
 
       robot =

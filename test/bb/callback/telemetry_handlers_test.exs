@@ -1,5 +1,5 @@
 defmodule BB.Callback.TelemetryHandlersTest do
-  @moduledoc "A telemetry handler does all that it can do wrong, and nobody else notices."
+  @moduledoc "A telemetry handler fails in every way, without an effect on other processes."
   use ExUnit.Case, async: true
 
   import BB.Test.Neighbourhood
@@ -24,7 +24,7 @@ defmodule BB.Callback.TelemetryHandlersTest do
 
     def handle(_event, _measurements, _metadata, _config), do: :ok
 
-    # Each event has its own, so that none goes before another is called.
+    # Each event has a handler of its own, so that none is detached before another runs.
     defp attach(robot, kind) do
       for event <- @events do
         on_exit(fn -> BB.Telemetry.detach({robot, event}) end)

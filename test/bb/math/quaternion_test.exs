@@ -36,7 +36,7 @@ defmodule BB.Math.QuaternionTest do
   test "Euler angles turn about the fixed axes: roll, then pitch, then yaw" do
     quarter = :math.pi() / 2
     q = Quaternion.from_euler(quarter, 0, quarter)
-    # y goes to z by the roll, and stays there in the yaw.
+    # The roll rotates y to z, and the yaw does not change z.
     assert close?(Quaternion.rotate(q, Vec3.unit_y()), Vec3.unit_z())
   end
 

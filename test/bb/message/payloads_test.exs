@@ -49,7 +49,7 @@ defmodule BB.Message.PayloadsTest do
     corners: [{9.0, 19.0}, {11.0, 19.0}, {11.0, 21.0}, {9.0, 21.0}]
   }
 
-  # What each payload needs, and what it has when nothing else is given.
+  # Each payload with its required fields and the defaults of the others.
   @payloads [
     {Sensor.Imu,
      [

@@ -7,7 +7,7 @@ defmodule BB.Process.BulkheadTest do
 
   doctest Bulkhead
 
-  # More than any supervisor takes that has no bulkhead.
+  # More restarts than any supervisor without a bulkhead allows.
   @often 8
 
   defp start(children) do

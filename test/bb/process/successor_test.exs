@@ -5,8 +5,7 @@ defmodule BB.Process.SuccessorTest do
 
   alias BB.Process.Successor
 
-  # A supervisor with a name, above a supervisor with a name, above a process with a name that
-  # takes its time to end.
+  # A named supervisor, above a named supervisor, above a named process that ends slowly.
   defmodule Tree do
     @moduledoc false
     use Supervisor
@@ -46,7 +45,7 @@ defmodule BB.Process.SuccessorTest do
       {:ok, nil}
     end
 
-    # It ends when it is told to, or when nobody else is left who could.
+    # It ends when it gets the message, or when the test process has ended.
     @impl GenServer
     def handle_call({:hold_end, holder}, _from, nil), do: {:reply, :ok, holder}
 
@@ -64,7 +63,7 @@ defmodule BB.Process.SuccessorTest do
     end
   end
 
-  # A supervisor with a name, above one without, above a process with a name.
+  # A named supervisor, above one without a name, above a named process.
   defmodule Nameless do
     @moduledoc false
     use Supervisor
@@ -121,7 +120,7 @@ defmodule BB.Process.SuccessorTest do
       Task.async(fn ->
         Process.flag(:trap_exit, true)
         {:ok, _successor} = Successor.start_link({Nameless, :start_link, [name]})
-        # The successor ends with this process, which has started it.
+        # The successor ends with this process, which is its parent.
         Process.whereis(Tree.leaf(name))
       end)
 

@@ -19,10 +19,10 @@ defmodule BB.Process.TolerantTest do
     nil
   ]
 
-  # Callbacks of a robot's components stand behind it, each with its own default.
+  # Their clauses call the callbacks of components, which have defaults of their own.
   @others [BB.Component.Server]
 
-  # Looks at its lines before it looks at what it is asked: below, with lines.
+  # Matches its lines before the request, so it is tested below, with lines.
   @later [BB.Bus.Sim.GPIO.Chip]
 
   defp servers do
@@ -53,7 +53,7 @@ defmodule BB.Process.TolerantTest do
         do: assert(module in servers)
   end
 
-  # Whatever its state is: no clause before the last one takes what is unknown.
+  # With any state: no clause before the last one matches an unknown message.
   test "no unknown call or cast ends any of them" do
     from = {self(), make_ref()}
 
@@ -65,7 +65,7 @@ defmodule BB.Process.TolerantTest do
     end
   end
 
-  # They look at what they have before they look at a message.
+  # Their clauses match the state before the message.
   @listeners [BB.Firmware.Guard, BB.Firmware.Network, BB.Safety.Warden]
 
   test "no unknown message ends any of them" do
@@ -91,7 +91,7 @@ defmodule BB.Process.TolerantTest do
     assert processes(robot, bus, chip) == pids
   end
 
-  # It has handled all of them when it answers.
+  # A process that answers has handled all of them.
   defp tell(pid, unknown) do
     GenServer.cast(pid, unknown)
     send(pid, unknown)

@@ -1,6 +1,7 @@
 defmodule BB.PubSub.BoundsTest do
   @moduledoc """
-  What the bus costs is linear in its subscribers, and what comes and goes leaves nothing behind. Counted, not timed.
+  The cost of the bus is linear in its subscribers, and its memory is bounded. The tests count
+  reductions and words, and measure no time.
   """
 
   use ExUnit.Case, async: true
@@ -12,7 +13,7 @@ defmodule BB.PubSub.BoundsTest do
   alias BB.Test.Actor
 
   @patience_ms 60_000
-  # What BB.PubSub's documentation says.
+  # As in the documentation of BB.PubSub.
   @permanent 4_000
   @transient 1_000
 
@@ -36,7 +37,7 @@ defmodule BB.PubSub.BoundsTest do
 
   defp rows(robot), do: Enum.sum(for {_, table} <- tables(robot), do: :ets.info(table, :size))
 
-  # In words: what stands in tables and routes, and in the process that writes them.
+  # Memory in words: that of the tables, of the routes, and of the process that writes them.
   defp memory(robot, bus) do
     :erlang.garbage_collect(bus)
     {PubSub.Bus, routes, _bus} = :persistent_term.get(robot)
@@ -47,7 +48,7 @@ defmodule BB.PubSub.BoundsTest do
 
   defp reductions(bus), do: bus |> Process.info(:reductions) |> elem(1)
 
-  # Each subscribes when the one before has done so, which leaves the bus nothing to do together.
+  # The processes subscribe one after the other, so that the bus cannot combine changes.
   defp crowd(robot, n, path, opts) do
     test = self()
 
@@ -77,7 +78,8 @@ defmodule BB.PubSub.BoundsTest do
       end
     end
 
-    # For each subscriber: reductions of coming, being sent something and going; words that it takes.
+    # Reductions for subscribing, one message and the end of each subscriber; and the words it
+    # takes.
     defp cost(n, opts) do
       robot = Module.concat(__MODULE__, "Crowd#{System.unique_integer([:positive])}")
       {:ok, bus} = PubSub.start_link(robot)
@@ -133,7 +135,7 @@ defmodule BB.PubSub.BoundsTest do
       publish(robot, [:a], [0])
       eventually(fn -> routed?(robot, [:a]) end)
 
-      # Without waiting for routes, and across the number from which on there are none.
+      # Without waiting for routes, and beyond the number of subscribers that have routes.
       actors =
         for n <- 1..700 do
           actor = Actor.start()
@@ -197,7 +199,7 @@ defmodule BB.PubSub.BoundsTest do
       assert rows(robot) < 15 * @transient
       assert length(PubSub.topics(robot)) == 2 * @transient
 
-      # What is forgotten of retained paths is said, once.
+      # The bus logs once that it forgets last messages.
       assert [_before, _after] =
                String.split(log, "keeps the last messages of the newest 1000 transient paths")
     end
@@ -225,7 +227,7 @@ defmodule BB.PubSub.BoundsTest do
     test "keep the last messages of the newest", %{robot: robot} do
       paths = for n <- 1..(2 * @transient), do: {[:param, make_ref()], n}
       capture_log(fn -> for {path, n} <- paths, do: publish(robot, path, [n]) end)
-      # Others that come and go push none of them out.
+      # Transient paths that are not retained replace none of them.
       for _ <- 1..(2 * @transient), do: publish(robot, [:reply, make_ref()], [1])
 
       for {path, n} <- paths do
@@ -279,7 +281,8 @@ defmodule BB.PubSub.BoundsTest do
           end)
         end
 
-      # They are still at it, or not: a subscriber is answered, and what waits in the bus's mailbox is not what they publish.
+      # While they publish or after: a subscriber gets its answer, and the publishers' messages
+      # are not in the mailbox of the bus.
       for n <- 1..200 do
         assert {:ok, ^bus} = PubSub.subscribe(robot, [:elsewhere, :"path_#{n}"])
         {:message_queue_len, waiting} = Process.info(bus, :message_queue_len)

@@ -1,8 +1,9 @@
 defmodule BB.PubSub.ModelTest do
   @moduledoc """
-  The bus beside a naive model of it: lists that are searched from end to end at each publication.
+  Compares the bus with a naive model: lists that are searched from end to end at each
+  publication.
 
-  Subscribers leave everything in their mailboxes, so that what `max_queue` and `max_rate` let through is exact.
+  Subscribers leave all messages in their mailboxes, so that `max_queue` and `max_rate` are exact.
   """
 
   use ExUnit.Case, async: true
@@ -13,7 +14,8 @@ defmodule BB.PubSub.ModelTest do
   alias BB.Test.Actor
 
   @actors 0..2
-  # An atom that means something in a match is a segment as any other. `:reference` stands for a reference of the run's own.
+  # Atoms with a meaning in match specifications are segments like others. `:reference` stands for
+  # a reference that is new in each run.
   @paths [[], [:a], [:b], [:a, :a], [:a, :b], [:a, :b, :c], [:param], [:param, :a]] ++
            [[:a, :_], [:"$1"], [:a, :reference], [:param, :reference]]
   @types [[], [Status], [PowerState], [Status, PowerState]]
@@ -31,7 +33,7 @@ defmodule BB.PubSub.ModelTest do
     ])
   end
 
-  # At most one message in ten thousand seconds, that is one.
+  # A rate of one message in ten thousand seconds, so one message in a run.
   defp options do
     option =
       oneof([
@@ -95,7 +97,7 @@ defmodule BB.PubSub.ModelTest do
   defp number(%Status{restarts: n}), do: {Status, n}
   defp number(%PowerState{voltage: v}), do: {PowerState, trunc(v)}
 
-  # What is done to the bus.
+  # The steps, run on the bus.
 
   defp act({{:subscribe, who, path, opts}, _n}, robot, actors) do
     path = real(path)
@@ -128,7 +130,7 @@ defmodule BB.PubSub.ModelTest do
   defp message(Status, n), do: Message.new!(Status, :frame, state: :up, restarts: n)
   defp message(PowerState, n), do: Message.new!(PowerState, :frame, voltage: n / 1, current: 0.0)
 
-  # The model.
+  # The steps, run on the model.
 
   defp new do
     %{
@@ -175,7 +177,7 @@ defmodule BB.PubSub.ModelTest do
     wanting |> copies([]) |> Enum.reduce(model, &copy(&2, &1, path, {type, n}, except))
   end
 
-  # Each copy goes to the first subscription of a list that is open.
+  # Each copy goes to the first subscription in its list that takes it.
   defp copies([], _done), do: []
 
   defp copies([first | rest], done) do

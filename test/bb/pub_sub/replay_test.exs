@@ -20,14 +20,14 @@ defmodule BB.PubSub.ReplayTest do
 
     defp self_of(%{pid: pid}), do: pid
 
-    # Every way in which a publisher's message can meet a replay of number 5: before, between its two steps, after. What
-    # arrives is in order, without a copy, and ends with the newest.
+    # Every order of a publisher's message and the replay of message 5: before, between the two
+    # steps, and after. The messages arrive in order, once each, and end with the newest.
     test "stands before everything newer, once, whenever publishers come", context do
       %{cell: cell, publish: publish} = context
 
       for early <- [[], [4], [5], [6], [4, 6], [6, 7], [6, 4]], late <- [[], [4], [5], [8]] do
         for index <- 1..2, do: :atomics.put(cell, index, 0)
-        # The subscriber is about to replay 5, and somebody publishes.
+        # The subscriber has announced the replay of 5, and others publish.
         :atomics.put(cell, 1, -5)
         Enum.each(early, publish)
         if :atomics.compare_exchange(cell, 1, -5, 5) == :ok, do: send(self(), {:bb, 5})
@@ -62,7 +62,7 @@ defmodule BB.PubSub.ReplayTest do
       %{cell: cell, publish: publish} = context
 
       send_late = fn ->
-        # The thread of the subscriber stands still here, longer than a publisher waits.
+        # The thread of the subscriber is suspended here, for longer than a publisher waits.
         Task.await(Task.async(fn -> publish.(6) end), 60_000)
         send(self(), {:bb, 5})
       end

@@ -56,7 +56,7 @@ defmodule BB.PubSub.RetentionTest do
       for n <- 1..50 do
         path = [:sensor, :"kept_#{n}"]
         publish(robot, path, [1])
-        # Half of them have a route by now, which knows nothing of it.
+        # Half of the paths have a route by now, made without the retained prefix.
         if rem(n, 2) == 0, do: routed(robot, path)
         :ok = PubSub.retain(robot, path)
         publish(robot, path, [2])
@@ -145,8 +145,8 @@ defmodule BB.PubSub.RetentionTest do
     end
   end
 
-  # Subscribers that come while publishers publish, again and again on the same paths. The prefix is fresh in each round, so
-  # that some meet the first message of a path.
+  # Processes subscribe while others publish on the same paths. Each round has a new robot, so
+  # that some subscribe at the first message of a path.
   property "a late subscriber with replay: true sees the last value of each retained path once, and nothing out of order",
     numtests: 60 do
     forall {publishers, subscribers, messages, first} <-
@@ -195,12 +195,12 @@ defmodule BB.PubSub.RetentionTest do
     end
   end
 
-  # From the first one on, whichever that is, everything once and in order.
+  # From its first message on, a subscriber got every message once and in order.
   defp assert_gapless([first | _] = numbers, published) do
     assert numbers == Enum.drop_while(published, &(&1 != first))
   end
 
-  # Keeping a large message takes a while, in which others subscribe.
+  # Keeping a large message takes long enough for others to subscribe meanwhile.
   test "a subscriber that comes while a message is being kept misses nothing", %{robot: robot} do
     path = [:param, :large]
     large = Enum.to_list(1..50_000)
@@ -235,8 +235,9 @@ defmodule BB.PubSub.RetentionTest do
     end)
   end
 
-  # At whatever point of its replay a subscriber stands still: publishers go on, and once it goes on too it has got of each path
-  # the last message that there was when it came, or only newer ones, in order and once.
+  # A subscriber is suspended at any point of its replay. Publishers continue. When it is resumed,
+  # it gets the last message of each path as of its subscription, or only newer ones, in order and
+  # once.
   test "a subscriber that is suspended while it replays holds up no publisher, and gets everything in order",
        %{
          robot: robot
@@ -273,7 +274,7 @@ defmodule BB.PubSub.RetentionTest do
     end
   end
 
-  # Let go and caught again, until it has begun.
+  # Resumed and suspended again, until its replay has begun.
   defp suspend_in_replay(pid, turns) do
     for _ <- 1..turns, do: :erlang.yield()
     true = :erlang.suspend_process(pid)
@@ -308,7 +309,7 @@ defmodule BB.PubSub.RetentionTest do
       publish(robot, [:a], [2])
       publish(robot, [:b], [3])
 
-      # Whoever subscribes now waits for the successor.
+      # A process that subscribes now waits for the next registrar.
       assert {:ok, new} = PubSub.subscribe(robot, [:b])
       assert new != old
       publish(robot, [:a], [4])
@@ -318,12 +319,12 @@ defmodule BB.PubSub.RetentionTest do
       assert PubSub.last(robot, [:a]).payload.restarts == 4
       assert [%{delivered: 3}] = for(%{pid: ^actor} = row <- PubSub.stats(robot), do: row)
 
-      # The successor watches those whom it found.
+      # The next registrar monitors the subscribers in the tables.
       Actor.stop(actor)
       eventually(fn -> length(PubSub.stats(robot)) == 1 end)
     end
 
-    # Whoever was answered is subscribed, once; whoever was not is not.
+    # A process that got an answer is subscribed once; one that got none is not subscribed.
     test "are right however often the bus's process is killed while others come and go" do
       robot = Module.concat(__MODULE__, "Killed#{System.unique_integer([:positive])}")
       options = [strategy: :one_for_one, max_restarts: 100_000]

@@ -23,7 +23,7 @@ defmodule BB.PubSub.StatisticsTest do
     for {path, %Status{restarts: n}} <- Actor.received(actor), do: {path, n}
   end
 
-  # Both ways of a publisher: the one that finds no route yet, and the one that has it.
+  # Waits for a route, so that tests cover publishers with and without one.
   defp routed(robot, path, type) do
     eventually(fn ->
       {_, routes, _} = :persistent_term.get(robot)

@@ -23,7 +23,7 @@ defmodule BB.PubSub.SubscriptionTest do
     for {path, %Status{restarts: n}} <- Actor.received(actor), do: {path, n}
   end
 
-  # Both ways of a publisher: the one that finds no route yet, and the one that has it.
+  # Waits for a route, so that tests cover publishers with and without one.
   defp routed(robot, path, type) do
     eventually(fn ->
       {_, routes, _} = :persistent_term.get(robot)
@@ -162,7 +162,7 @@ defmodule BB.PubSub.SubscriptionTest do
       assert missed == 10_001 - Enum.count(before, &match?({^path, _}, &1))
       assert missed > 9_000
 
-      # It may have been told of some of them before.
+      # Some of them may have been reported before.
       later =
         eventually(fn ->
           publish(robot, path, [1])
