@@ -6,6 +6,7 @@ defmodule BB.PubSub.BoundsTest do
 
   use ExUnit.Case, async: true
   import BB.Test.Eventually
+  import BB.Test.Numbered
   import ExUnit.CaptureLog
 
   alias BB.{Message, PubSub}
@@ -18,13 +19,10 @@ defmodule BB.PubSub.BoundsTest do
   @transient 1_000
 
   setup do
-    robot = Module.concat(__MODULE__, "Robot#{System.unique_integer([:positive])}")
+    robot = new_robot(__MODULE__)
     start_supervised!({PubSub, robot})
     %{robot: robot, bus: Process.whereis(PubSub.registry_name(robot))}
   end
-
-  defp status(n), do: Message.new!(Status, :frame, state: :up, restarts: n)
-  defp publish(robot, path, ns), do: Enum.each(ns, &PubSub.publish(robot, path, status(&1)))
 
   defp tables(robot) do
     {PubSub.Bus, _routes, bus} = :persistent_term.get(robot)

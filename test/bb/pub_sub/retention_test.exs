@@ -2,25 +2,16 @@ defmodule BB.PubSub.RetentionTest do
   use ExUnit.Case, async: true
   use BB.Test.Prop
   import BB.Test.Eventually
+  import BB.Test.Numbered
 
   alias BB.{Message, PubSub}
   alias BB.Message.Sensor.{PowerState, Status}
   alias BB.Test.Actor
 
   setup do
-    robot = Module.concat(__MODULE__, "Robot#{System.unique_integer([:positive])}")
+    robot = new_robot(__MODULE__)
     start_supervised!({PubSub, robot})
     %{robot: robot, actor: Actor.start()}
-  end
-
-  defp status(n), do: Message.new!(Status, :frame, state: :up, restarts: n)
-  defp publish(robot, path, ns), do: Enum.each(ns, &PubSub.publish(robot, path, status(&1)))
-
-  defp subscribe(actor, robot, path, opts),
-    do: {:ok, _} = Actor.run(actor, fn -> PubSub.subscribe(robot, path, opts) end)
-
-  defp numbers(actor) do
-    for {path, %Status{restarts: n}} <- Actor.received(actor), do: {path, n}
   end
 
   describe "last" do
@@ -57,7 +48,7 @@ defmodule BB.PubSub.RetentionTest do
         path = [:sensor, :"kept_#{n}"]
         publish(robot, path, [1])
         # Half of the paths have a route by now, made without the retained prefix.
-        if rem(n, 2) == 0, do: routed(robot, path)
+        if rem(n, 2) == 0, do: await_route(robot, path)
         :ok = PubSub.retain(robot, path)
         publish(robot, path, [2])
         assert PubSub.last(robot, path).payload.restarts == 2
@@ -206,7 +197,7 @@ defmodule BB.PubSub.RetentionTest do
     large = Enum.to_list(1..50_000)
     message = &%{status(&1) | payload: %Status{state: :up, reason: large, restarts: &1}}
     PubSub.publish(robot, path, message.(1))
-    routed(robot, path)
+    await_route(robot, path)
     test = self()
 
     publishing =
@@ -226,13 +217,6 @@ defmodule BB.PubSub.RetentionTest do
 
     Task.await(publishing, :infinity)
     for task <- subscribing, do: assert_gapless(Task.await(task, :infinity), Enum.to_list(1..41))
-  end
-
-  defp routed(robot, path) do
-    eventually(fn ->
-      {_, routes, _} = :persistent_term.get(robot)
-      PubSub.Routes.find(routes, path, Status)
-    end)
   end
 
   # A subscriber is suspended at any point of its replay. Publishers continue. When it is resumed,

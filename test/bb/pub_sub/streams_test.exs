@@ -1,19 +1,17 @@
 defmodule BB.PubSub.StreamsTest do
   use ExUnit.Case, async: true
-  import BB.Test.Eventually
 
-  alias BB.{Message, PubSub}
+  import BB.Test.Eventually
+  import BB.Test.Numbered
+
   alias BB.Message.Sensor.{PowerState, Status}
+  alias BB.{Message, PubSub}
 
   setup do
-    robot = Module.concat(__MODULE__, "Robot#{System.unique_integer([:positive])}")
+    robot = new_robot(__MODULE__)
     start_supervised!({PubSub, robot})
     %{robot: robot}
   end
-
-  defp status(n), do: Message.new!(Status, :frame, state: :up, restarts: n)
-  defp power, do: Message.new!(PowerState, :frame, voltage: 1.0, current: 0.0)
-  defp publish(robot, path, ns), do: Enum.each(ns, &PubSub.publish(robot, path, status(&1)))
 
   describe "topics" do
     test "are every path seen with payload type, count, rate and age", %{robot: robot} do
