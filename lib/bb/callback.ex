@@ -114,15 +114,20 @@ defmodule BB.Callback do
 
   def await(%__MODULE__{monitor: monitor} = call) do
     receive do
-      {:DOWN, ^monitor, :process, _pid, {__MODULE__, {:ok, value}}} -> {:ok, value}
-      {:DOWN, ^monitor, :process, _pid, {__MODULE__, {:error, failure}}} -> fail(call, failure)
-      {:DOWN, ^monitor, :process, _pid, reason} -> fail(call, {:exited, format_exit(reason)})
+      {:DOWN, ^monitor, :process, _pid, {__MODULE__, {:ok, value}}} ->
+        {:ok, value}
+
+      {:DOWN, ^monitor, :process, _pid, {__MODULE__, {:error, failure}}} ->
+        handle_failure(call, failure)
+
+      {:DOWN, ^monitor, :process, _pid, reason} ->
+        handle_failure(call, {:exited, format_exit(reason)})
     end
   end
 
-  defp fail(_call, :no_clause), do: {:error, :no_clause}
+  defp handle_failure(_call, :no_clause), do: {:error, :no_clause}
 
-  defp fail(call, failure) do
+  defp handle_failure(call, failure) do
     if call.remember? and match?({:timeout, _ms}, failure), do: Failures.put_hung(call.name)
     unless call.quiet?, do: log_failure(call, failure)
     {:error, failure}

@@ -62,7 +62,7 @@ defmodule BB.PubSub do
       next message: `count` messages for its subscription at `path` were dropped since the last
       one. `missed/1` returns the sum at any time. A GenServer with this option needs a clause for
       that message in `handle_info/2`. The limit is approximate: a publisher that finds room sends
-      up to an eighth of the limit before it looks again.
+      up to an eighth of the limit before it checks again.
     * `unique` concerns the process: it gets one copy of a message that reaches its unique
       subscription, by the first of its subscriptions, from the path upwards, that takes the
       message.
@@ -263,7 +263,7 @@ defmodule BB.PubSub do
   # The message is kept before the route's version is checked. So a subscriber that comes too late
   # for the route gets the message by its replay.
   defp publish_retained(bus, {path, type, meter, targets, version, sequence}, message) do
-    stamp = Retention.keep(bus, path, message, sequence)
+    stamp = Retention.put(bus, path, message, sequence)
     delivery = {:bb, path, message}
 
     if meter |> Meter.count(message.monotonic_time) |> Meter.current?(version),
@@ -279,7 +279,7 @@ defmodule BB.PubSub do
   end
 
   defp deliver_unrouted(bus, {path, _type, _class} = stream, message, except) do
-    stamp = if Bus.retained?(bus, path), do: Retention.keep(bus, path, message)
+    stamp = if Bus.retained?(bus, path), do: Retention.put(bus, path, message)
     Delivery.unrouted(bus, stream, except, {:bb, path, message}, stamp)
   end
 

@@ -141,7 +141,7 @@ defmodule BB.Telemetry do
     catch
       kind, reason ->
         error = %{kind: kind, reason: reason, stacktrace: __STACKTRACE__}
-        emit(prefix ++ [:exception], since(start), Map.merge(metadata, error), opts)
+        emit(prefix ++ [:exception], elapsed_since(start), Map.merge(metadata, error), opts)
         :erlang.raise(kind, reason, __STACKTRACE__)
     else
       {result, stop} -> emit_stop(prefix, start, %{}, metadata, stop, opts, result)
@@ -150,13 +150,13 @@ defmodule BB.Telemetry do
   end
 
   defp emit_stop(prefix, start, more, metadata, stop_metadata, opts, result) do
-    measurements = Map.merge(more, since(start))
+    measurements = Map.merge(more, elapsed_since(start))
     context = Map.take(metadata, [:telemetry_span_context])
     emit(prefix ++ [:stop], measurements, Map.merge(context, stop_metadata), opts)
     result
   end
 
-  defp since(start) do
+  defp elapsed_since(start) do
     now = System.monotonic_time()
     %{duration: now - start, monotonic_time: now}
   end

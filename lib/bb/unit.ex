@@ -77,7 +77,8 @@ defmodule BB.Unit do
   @spec new(number(), name()) :: {:ok, t()} | {:error, Exception.t()}
   @spec new(name(), number()) :: {:ok, t()} | {:error, Exception.t()}
   def new(value, name) when is_number(value) do
-    with {:ok, name, _meaning} <- meaning(name), do: {:ok, %__MODULE__{name: name, value: value}}
+    with {:ok, name, _meaning} <- parse_name(name),
+         do: {:ok, %__MODULE__{name: name, value: value}}
   end
 
   def new(name, value) when is_number(value), do: new(value, name)
@@ -128,11 +129,11 @@ defmodule BB.Unit do
   """
   @spec convert(t(), name()) :: {:ok, t()} | {:error, Exception.t()}
   def convert(%__MODULE__{} = unit, name) do
-    with {:ok, _, from} <- meaning(unit.name),
-         {:ok, name, to} <- meaning(name) do
+    with {:ok, _, from} <- parse_name(unit.name),
+         {:ok, name, to} <- parse_name(name) do
       if from.dimensions == to.dimensions,
         do: {:ok, %__MODULE__{name: name, value: convert_value(unit.value, from, to)}},
-        else: error(incompatible(unit, name, from, to))
+        else: error(incompatible_message(unit, name, from, to))
     end
   end
 
@@ -154,7 +155,7 @@ defmodule BB.Unit do
   """
   @spec to_si(t()) :: float()
   def to_si(%__MODULE__{} = unit) do
-    {:ok, _, from} = meaning(unit.name)
+    {:ok, _, from} = parse_name(unit.name)
     convert_value(unit.value, from, %Name{}) / 1
   end
 
@@ -226,7 +227,7 @@ defmodule BB.Unit do
     else
       _ ->
         {:error,
-         "expected #{kind(dimensions!(name))} of #{least} to #{most} #{format_name(name)}, " <>
+         "expected #{describe_dimensions(dimensions!(name))} of #{least} to #{most} #{format_name(name)}, " <>
            "as a number or a unit, got: #{inspect(value)}"}
     end
   end
@@ -248,7 +249,7 @@ defmodule BB.Unit do
     end
   end
 
-  defp meaning(name) do
+  defp parse_name(name) do
     name = Name.normalize(name)
 
     case Name.parse(name) do
@@ -258,7 +259,7 @@ defmodule BB.Unit do
   end
 
   defp dimensions!(%__MODULE__{name: name}), do: dimensions!(name)
-  defp dimensions!(name), do: elem(unwrap_meaning!(meaning(name)), 2).dimensions
+  defp dimensions!(name), do: elem(unwrap_meaning!(parse_name(name)), 2).dimensions
 
   defp unwrap_meaning!({:ok, _, _} = meaning), do: meaning
   defp unwrap_meaning!({:error, error}), do: raise(error)
@@ -283,9 +284,9 @@ defmodule BB.Unit do
   defp quotient({n, 1}), do: n
   defp quotient({n, d}), do: n / d
 
-  defp incompatible(unit, name, from, to) do
+  defp incompatible_message(unit, name, from, to) do
     "cannot convert #{to_string!(unit)} to #{name}: #{to_string!(unit)} is " <>
-      "#{kind(from.dimensions)}, #{name} is #{kind(to.dimensions)}"
+      "#{describe_dimensions(from.dimensions)}, #{name} is #{describe_dimensions(to.dimensions)}"
   end
 
   @kinds [
@@ -311,9 +312,9 @@ defmodule BB.Unit do
     {:radian_per_square_second, "an angular acceleration"}
   ]
 
-  defp kind(dimensions) when dimensions == %{}, do: "a plain number"
+  defp describe_dimensions(dimensions) when dimensions == %{}, do: "a plain number"
 
-  defp kind(dimensions) do
+  defp describe_dimensions(dimensions) do
     kinds = for {name, kind} <- @kinds, do: {dimensions!(name), kind}
 
     case List.keyfind(kinds, dimensions, 0) do

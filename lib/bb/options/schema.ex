@@ -46,7 +46,7 @@ defmodule BB.Options.Schema do
   def check(schema) do
     with {:ok, schema} <- validate(schema, of_schemas()) do
       conflict = Enum.find(schema, fn {_, spec} -> spec[:keys] && not nests?(spec[:type]) end)
-      if conflict, do: {:error, keys_without_nest(conflict)}, else: {:ok, schema}
+      if conflict, do: {:error, keys_error(conflict)}, else: {:ok, schema}
     end
   end
 
@@ -71,7 +71,7 @@ defmodule BB.Options.Schema do
         validate_each(schema, options, Keyword.keys(options))
       end
     else
-      {:error, not_options(options)}
+      {:error, invalid_options_error(options)}
     end
   end
 
@@ -115,19 +115,19 @@ defmodule BB.Options.Schema do
   end
 
   defp validate_one(key, spec, options, given) do
-    with {:ok, value} <- fetch(options, key, spec, given),
+    with {:ok, value} <- fetch_value(options, key, spec, given),
          {:ok, value} <- cast(key, spec, value) do
-      {:ok, put(options, key, value)}
+      {:ok, put_value(options, key, value)}
     else
       :absent -> {:ok, options}
       error -> error
     end
   end
 
-  defp fetch(options, key, spec, given) do
+  defp fetch_value(options, key, spec, given) do
     cond do
       Keyword.has_key?(options, key) -> Keyword.fetch(options, key)
-      spec[:required] -> {:error, missing(key, given)}
+      spec[:required] -> {:error, missing_error(key, given)}
       true -> with :error <- Keyword.fetch(spec, :default), do: :absent
     end
   end
@@ -146,7 +146,7 @@ defmodule BB.Options.Schema do
   end
 
   # If a key occurs several times, its first value counts.
-  defp put(options, key, value) do
+  defp put_value(options, key, value) do
     if Keyword.has_key?(options, key),
       do: Keyword.replace(options, key, value),
       else: [{key, value} | options]
@@ -154,21 +154,21 @@ defmodule BB.Options.Schema do
 
   defp nests?(type), do: type in [:keyword_list, :non_empty_keyword_list, :map]
 
-  defp missing(key, given) do
+  defp missing_error(key, given) do
     %ValidationError{
       key: key,
       message: "required #{inspect(key)} option not found, received options: #{inspect(given)}"
     }
   end
 
-  defp not_options(value) do
+  defp invalid_options_error(value) do
     %ValidationError{
       value: value,
       message: "invalid options: expected keyword list, got: #{inspect(value)}"
     }
   end
 
-  defp keys_without_nest({key, spec}) do
+  defp keys_error({key, spec}) do
     %ValidationError{
       key: key,
       value: spec,

@@ -7,15 +7,15 @@ defmodule BB.PubSub.QueueLimit do
 
       if QueueLimit.admit?(counters, max_queue, pid), do: send(pid, delivery)
 
-  ## The cost of looking at a mailbox
+  ## The cost of checking a mailbox
 
   `Process.info/2` of a sleeping process takes about a microsecond. Of a running process, it waits
   until that process's time slice ends, which may take a millisecond. Two rules keep publishers
   fast:
 
-    * A look that finds room gives credits: an eighth of `max_queue`, or less if there is less
-      room. As many messages are sent without another look.
-    * A look that takes long and finds no room is not repeated before ten times as long has
+    * A check that finds room gives credits: an eighth of `max_queue`, or less if there is less
+      room. As many messages are sent without another check.
+    * A check that takes long and finds no room is not repeated before ten times as long has
       passed. A busy subscriber with a full mailbox costs a publisher at most a tenth of its time.
   """
 
@@ -24,14 +24,14 @@ defmodule BB.PubSub.QueueLimit do
   alias BB.Path
   alias BB.PubSub.SubscriptionState
 
-  # A look that takes longer than this is long.
+  # A check that takes longer than this is long.
   @long_ns 200_000
 
   @doc "Returns whether the mailbox has room for a message. Counts the message as missed if not."
   @spec admit?(SubscriptionState.counters(), non_neg_integer(), pid()) :: boolean()
   def admit?(counters, max_queue, pid) do
     if :atomics.sub_get(counters, SubscriptionState.counter(:credits), 1) >= 0 or
-         look(counters, max_queue, pid) do
+         check_mailbox(counters, max_queue, pid) do
       true
     else
       :atomics.add(counters, SubscriptionState.counter(:missed), 1)
@@ -40,12 +40,12 @@ defmodule BB.PubSub.QueueLimit do
     end
   end
 
-  defp look(counters, max_queue, pid) do
+  defp check_mailbox(counters, max_queue, pid) do
     start_ns = :erlang.monotonic_time(:nanosecond)
 
-    if start_ns >= :atomics.get(counters, SubscriptionState.counter(:next_look_ns)) do
+    if start_ns >= :atomics.get(counters, SubscriptionState.counter(:next_check_ns)) do
       info = Process.info(pid, :message_queue_len)
-      give_credits(counters, max_queue, info) or postpone_look(counters, start_ns)
+      give_credits(counters, max_queue, info) or postpone_check(counters, start_ns)
     else
       false
     end
@@ -59,12 +59,12 @@ defmodule BB.PubSub.QueueLimit do
 
   defp give_credits(_counters, _max_queue, _info), do: false
 
-  defp postpone_look(counters, start_ns) do
+  defp postpone_check(counters, start_ns) do
     now_ns = :erlang.monotonic_time(:nanosecond)
     next_ns = now_ns + 10 * (now_ns - start_ns)
 
     if now_ns - start_ns > @long_ns,
-      do: :atomics.put(counters, SubscriptionState.counter(:next_look_ns), next_ns)
+      do: :atomics.put(counters, SubscriptionState.counter(:next_check_ns), next_ns)
 
     false
   end

@@ -5,7 +5,7 @@ defmodule BB.PubSub.Retention do
   `BB.PubSub.publish/4` keeps messages here; `BB.PubSub.last/2` and `BB.PubSub.subscribe/3` read
   them:
 
-      stamp = Retention.keep(bus, path, message)
+      stamp = Retention.put(bus, path, message)
       Retention.last(bus, path)
 
   A publisher numbers and keeps its message before it looks up the subscribers. A subscriber is
@@ -50,18 +50,18 @@ defmodule BB.PubSub.Retention do
   Keeps the message as the last one of its path, which must have a stream. Returns the message's
   stamp.
   """
-  @spec keep(Bus.t(), Path.t(), Message.t()) :: Replay.stamp()
-  def keep(bus, path, message) do
-    stamp = keep(bus, path, message, sequence(bus, path))
+  @spec put(Bus.t(), Path.t(), Message.t()) :: Replay.stamp()
+  def put(bus, path, message) do
+    stamp = put(bus, path, message, sequence(bus, path))
     unless TransientPaths.known?(bus, path), do: :ets.delete(bus.last, path)
     stamp
   end
 
   @doc """
-  Keeps the message as `keep/3` does, for a permanent path whose sequence the publisher has.
+  Keeps the message as `put/3` does, for a permanent path whose sequence the publisher has.
   """
-  @spec keep(Bus.t(), Path.t(), Message.t(), Replay.sequence()) :: Replay.stamp()
-  def keep(bus, path, message, sequence) do
+  @spec put(Bus.t(), Path.t(), Message.t(), Replay.sequence()) :: Replay.stamp()
+  def put(bus, path, message, sequence) do
     number = :atomics.add_get(sequence, 1, 1)
     :ets.insert(bus.last, {path, sequence, number, message})
     {number, sequence}

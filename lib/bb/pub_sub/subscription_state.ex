@@ -23,7 +23,7 @@ defmodule BB.PubSub.SubscriptionState do
     missed: 4,
     unreported: 5,
     credits: 6,
-    next_look_ns: 7,
+    next_check_ns: 7,
     replays_over: 8
   ]
   @cell [replay: 1, due_ns: 2]
@@ -44,7 +44,7 @@ defmodule BB.PubSub.SubscriptionState do
   @spec new_counters() :: counters()
   def new_counters do
     counters = :atomics.new(length(@counters), [])
-    :atomics.put(counters, counter(:next_look_ns), @long_ago_ns)
+    :atomics.put(counters, counter(:next_check_ns), @long_ago_ns)
     counters
   end
 

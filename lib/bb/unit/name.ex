@@ -138,7 +138,7 @@ defmodule BB.Unit.Name do
     with {:ok, factors} <- factors(String.split(name, "-"), 1, []) do
       {:ok, product(factors)}
     else
-      {:unknown, word} -> {:error, unknown(name, word)}
+      {:unknown, word} -> {:error, unknown_unit_message(name, word)}
       :incomplete -> {:error, "expected a complete unit, got: #{inspect(name)}"}
     end
   end
@@ -210,7 +210,7 @@ defmodule BB.Unit.Name do
     end
   end
 
-  defp unknown(name, word) do
+  defp unknown_unit_message(name, word) do
     place = if name == word, do: "", else: " in #{inspect(name)}"
 
     case similar_to(word) do
