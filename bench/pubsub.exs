@@ -115,7 +115,7 @@ defmodule Bench.PubSub do
 
   defp name(name), do: Module.concat(__MODULE__, name)
 
-  # A route is there some milliseconds after a source was first seen.
+  # A stream gets its route some milliseconds after its first message.
   defp first_publish(robot, message) do
     :ok = PubSub.publish(robot, @path, message)
     Process.sleep(50)

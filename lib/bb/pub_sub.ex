@@ -189,7 +189,7 @@ defmodule BB.PubSub do
   end
 
   @doc """
-  Publishes a message to the subscribers at the path and at each of its ancestors.
+  Publishes a message to the subscribers at the path and at each of its ancestors. Returns `:ok`.
 
   ## Options
 

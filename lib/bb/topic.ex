@@ -51,8 +51,8 @@ defmodule BB.Topic do
     with {:error, message} <- check(prefix <> "." <> name),
          do:
            {:error,
-            "#{message}, with the robot's topic_prefix before it; give it a shorter or another " <>
-              "name, or, if it is not the robot's own topic, a / before it"}
+            "#{message}, with the robot's topic_prefix before it; choose a shorter or another " <>
+              "name, or put a / before it if it is not the robot's own topic"}
   end
 
   @doc "Returns the ring topic of a declared name in a robot, or `{:error, message}`."

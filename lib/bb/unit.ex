@@ -227,8 +227,8 @@ defmodule BB.Unit do
     else
       _ ->
         {:error,
-         "expected #{describe_dimensions(dimensions!(name))} of #{least} to #{most} #{format_name(name)}, " <>
-           "as a number or a unit, got: #{inspect(value)}"}
+         "expected #{describe_dimensions(dimensions!(name))} of #{least} to #{most} " <>
+           "#{format_name(name)}, as a number or a unit, got: #{inspect(value)}"}
     end
   end
 

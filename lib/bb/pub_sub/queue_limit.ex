@@ -77,11 +77,12 @@ defmodule BB.PubSub.QueueLimit do
   def report_missed(counters, pid, path) do
     unreported = SubscriptionState.counter(:unreported)
 
-    case :atomics.get(counters, unreported) > 0 && :atomics.exchange(counters, unreported, 0) do
-      count when is_integer(count) and count > 0 -> send(pid, {:bb_missed, path, count})
-      _ -> :ok
-    end
+    count =
+      if :atomics.get(counters, unreported) > 0,
+        do: :atomics.exchange(counters, unreported, 0),
+        else: 0
 
+    _ = if count > 0, do: send(pid, {:bb_missed, path, count})
     :ok
   end
 

@@ -188,10 +188,10 @@ defmodule BB.PubSub.Registrar do
     state = outdate_routes(state, path)
 
     if subscription.unique or Subscribers.unique?(state.subscribers, pid) do
-      change_unique(state, pid, fn -> Subscriptions.add(state.bus, subscription) end)
+      :ok = change_unique(state, pid, fn -> Subscriptions.add(state.bus, subscription) end)
     else
-      Subscriptions.add(state.bus, subscription)
-      Statistics.correct(state.streams, [subscription], %{})
+      :ok = Subscriptions.add(state.bus, subscription)
+      :ok = Statistics.correct(state.streams, [subscription], %{})
     end
 
     mark_dirty(%{state | subscribers: Subscribers.track(state.subscribers, subscription)}, path)
