@@ -22,7 +22,7 @@ defmodule BB.Component.HearingTest do
     PubSub.publish(robot, path, Message.new!(type, :imu, fields, monotonic_time: time_ns))
   end
 
-  # By a route too, as all messages of a source but the first few are.
+  # Waits for a route, which all messages of a stream but the first few take.
   defp routed(robot, path) do
     eventually(fn ->
       {_, routes, _} = :persistent_term.get(robot)
