@@ -49,8 +49,10 @@ defmodule ArchitectureTest do
 
     # The buses: simulated where there is no other. A robot may declare what hangs on them then.
     clock: {~w(BB.Clock.*), [:tolerant]},
-    simulation: {~w(BB.Bus.Sim.*), [:clock, :tolerant]},
-    bus: {~w(BB.Bus.*), ~w(simulation clock errno process tolerant native_library)a},
+    bus_interface: {~w(BB.Bus.GPIO.Arguments BB.Bus.I2C.Scan), []},
+    simulation: {~w(BB.Bus.Sim.*), [:clock, :tolerant, :bus_interface]},
+    bus:
+      {~w(BB.Bus.*), ~w(bus_interface simulation clock errno process tolerant native_library)a},
 
     # The kinds of components.
     sensor:

@@ -1,57 +1,89 @@
 defmodule BB.Bus.I2C do
   @moduledoc """
-  I2C as drivers see it: the functions, results and errors of `Circuits.I2C` 2, on a bus that all of its sensors share.
+  I2C buses shared by several sensors, with the functions, results and errors of `Circuits.I2C` 2.
+
+  Drivers use it in the place of `Circuits.I2C`. `BB.Bus.I2C.Device` builds on it for chips with
+  registers.
 
       i2c = BB.Bus.I2C.module(opts[:i2c])
       {:ok, bus} = i2c.open("i2c-1", timeout: 20)
       {:ok, <<0x68>>} = i2c.write_read(bus, 0x68, <<0x75>>, 1)
 
-  What talks to the wires is the backend: `Circuits.I2C` where that library is there, as on a board,
-  else the simulation, `BB.Bus.Sim.I2C`; `config :ganglion, i2c: …` names another.
-  Between it and the drivers stands one process for each bus. It starts with the first `open/2` and ends when the last handle is
-  closed; a handle also closes when the process that opened it ends.
+  The backend is the module that talks to the wires: `Circuits.I2C` where that library is loaded, as
+  on a board, otherwise the simulation, `BB.Bus.Sim.I2C`. `config :ganglion, i2c: …` names another
+  one.
 
-  ## What sharing gives
-  - Transfers are made one after the other in the order in which they were asked for, so a sensor waits for at most one transfer of each other
-    one.
-  - The backend is opened once, with the smallest timeout that anybody asked for, in 20..50 ms: nobody holds the bus for longer, nor
-    a scheduler's thread.
-  - A bus that is stuck (`BB.Bus.I2C.Condition` says when) is closed and opened anew for all of its sensors together, after 10 ms, and from then
-    on up to every 100 ms until somebody answers. While it is down calls fail at once.
-  - One device that always times out costs the others its timeout, and does not take the bus from them.
+  Each bus has one process, which makes all transfers. It starts with the first `open/2` and ends
+  when the last handle is closed. A handle is also closed when the process that opened it ends.
 
-  When the application has ended, buses can be opened and used all the same, though nothing is
-  shared then: a `disarm/1` makes hardware safe also at that moment.
+  ## Sharing
+
+  - Transfers run in the order of the calls, one at a time. A sensor waits for at most one transfer of
+    each other sensor.
+  - The backend is opened once, with the smallest timeout of all handles, between 20 and 50 ms. So no
+    transfer holds the bus or a scheduler thread for longer.
+  - A stuck bus (`BB.Bus.I2C.Recovery` defines it) is closed and reopened once for all its sensors,
+    after 10 ms, and from then on up to every 100 ms until a device answers. While it is down, calls
+    fail at once.
+  - A device that always times out delays the others by its timeout. The bus stays open.
+
+  After the application has ended, buses can still be opened and used, without sharing. A `disarm/1`
+  that runs at that moment still makes the hardware safe.
 
   ## Errors
 
-  Those of the backend, which for `Circuits.I2C` are
+  Errors are those of the backend. For `Circuits.I2C` they are
 
   | term | cause |
   |---|---|
   | `{:error, :bus_not_found}` | `open/2`: no bus of this name |
-  | `{:error, :i2c_nak}`, `{:error, :enxio}` | nobody answers at the address, or the device refuses |
+  | `{:error, :i2c_nak}`, `{:error, :enxio}` | no device answers at the address, or the device refuses |
   | `{:error, :timeout}` | the bus was held for the whole timeout |
   | `{:error, :retry}` | the bus was lost to another master |
-  | `{:error, :not_supported}` | the adapter cannot do this |
+  | `{:error, :not_supported}` | the adapter does not support the transfer |
   | `{:error, {:errno, n}}` | another error of the kernel |
 
-  and while a bus is down the error that took it down, at once: `:timeout`, or `{:errno, 19}` and then `:bus_not_found` where the adapter
-  is gone. A handle that was closed gives `{:error, {:errno, 9}}`. Wrong arguments raise, as the backend does, in the caller.
+  While a bus is down, each call returns at once the error that closed the bus: `:timeout`, or
+  `{:errno, 19}` and then `:bus_not_found` where the adapter is gone. A closed handle returns
+  `{:error, {:errno, 9}}`. Wrong arguments raise in the caller, as they do in the backend.
 
   ## When not to use it
-  A device that holds the bus for longer than 50 ms by design needs a handle of its own: give its driver the backend's module.
-  """
-  alias BB.Bus.I2C.{Handle, Server}
 
-  @typedoc "An open bus. Any process may use it; it belongs to the one that opened it."
-  @type t :: Handle.t()
+  A device that holds the bus for longer than 50 ms by design needs a handle of its own: give its
+  driver the backend's module.
+  """
+  alias BB.Bus.I2C.{Client, Scan}
+  alias BB.Bus.I2C.Supervisor, as: Buses
+
+  @enforce_keys [:name, :backend, :timeout_ms, :pid, :ref, :retries]
+  defstruct [:name, :backend, :timeout_ms, :pid, :ref, :retries]
+
+  @typedoc """
+  An open bus.
+
+  Any process may use it. It is closed when the process that opened it ends.
+  """
+  @type t :: %__MODULE__{
+          name: String.t(),
+          backend: module(),
+          timeout_ms: pos_integer(),
+          pid: pid(),
+          ref: reference(),
+          retries: non_neg_integer()
+        }
 
   @typedoc "A 7-bit device address."
   @type address :: 0..127
 
+  @timeouts_ms 20..50
+
+  # Each attempt is a transfer of its own, so that those of other handles run in between.
+  @one_attempt [retries: 0]
+
   @doc """
-  The module that a driver calls: the one that was `given` in its options, which then stands alone, or else this one.
+  Returns the module that a driver calls: the one `given` in its options, otherwise this module.
+
+  A module that is given is called directly, without sharing.
 
       iex> BB.Bus.I2C.module(nil)
       BB.Bus.I2C
@@ -63,8 +95,8 @@ defmodule BB.Bus.I2C do
   def module(given) when is_atom(given), do: given
 
   @doc """
-  The module that talks to the wires: that of `config :ganglion, :i2c`; without it `Circuits.I2C`
-  where it can be loaded, or else `BB.Bus.Sim.I2C`.
+  Returns the module that talks to the wires: the one of `config :ganglion, :i2c`, otherwise
+  `Circuits.I2C` where it can be loaded, otherwise `BB.Bus.Sim.I2C`.
   """
   @spec backend() :: module()
   def backend, do: Application.get_env(:ganglion, :i2c) || default()
@@ -72,78 +104,97 @@ defmodule BB.Bus.I2C do
   defp default, do: if(Code.ensure_loaded?(Circuits.I2C), do: Circuits.I2C, else: BB.Bus.Sim.I2C)
 
   @doc """
-  Opens a bus. Options:
+  Opens a bus.
 
-  - `:timeout`: how long a device may hold the bus, in milliseconds: 20..50, and the nearest of these for any other; the smallest of all handles
-    is that of the bus. Below 0, the default: 50;
-  - `:retries`: how often a failed transfer of this handle is tried again, each time as the last one in the queue; default 0;
-  - `:backend`: another module than that of `backend/0`;
-  - `:clock`: the `t:BB.Clock.t/0` by which a bus that is down waits, default `:real`; that of the first handle counts.
+  A stuck bus can be opened too.
 
-  Others are ignored. A bus that is stuck can be opened.
+  ## Options
+
+  - `:timeout`: how long a device may hold the bus, in milliseconds. It is brought into 20..50; the
+    bus has the smallest timeout of all its handles. The default, below 0, is 50;
+  - `:retries`: how often a failed transfer of this handle is tried again, each time behind the
+    transfers that wait; default 0;
+  - `:backend`: a module in the place of `backend/0`;
+  - `:clock`: the `t:BB.Clock.t/0` that measures the delays of a bus that is down; default `:real`.
+    The clock of the first handle counts.
+
+  Other options are ignored.
   """
   @spec open(String.t(), keyword()) :: {:ok, t()} | {:error, term()}
   def open(bus_name, opts \\ []) when is_binary(bus_name) do
     backend = Keyword.get_lazy(opts, :backend, &backend/0)
+    timeout_ms = timeout_ms(integer!(opts, :timeout, -1))
+    retries = retries!(opts, 0)
+    clock = Keyword.get(opts, :clock, :real)
 
-    handle_options = %{
-      timeout: integer!(opts, :timeout, -1),
-      retries: retries!(opts, 0),
-      clock: Keyword.get(opts, :clock, :real)
-    }
-
-    Server.open({backend, bus_name}, handle_options)
-  end
-
-  @doc "Reads `count` bytes from the device. `retries:` overrides that of `open/2`."
-  @spec read(t(), address(), non_neg_integer(), keyword()) :: {:ok, binary()} | {:error, term()}
-  def read(%Handle{} = bus, address, count, opts \\ []),
-    do: transfer(bus, :read, address, [count], opts)
-
-  @doc "Writes bytes to the device."
-  @spec write(t(), address(), iodata(), keyword()) :: :ok | {:error, term()}
-  def write(%Handle{} = bus, address, data, opts \\ []),
-    do: transfer(bus, :write, address, [data], opts)
-
-  @doc "Writes bytes and then reads `count`, as one transfer that no other comes between."
-  @spec write_read(t(), address(), iodata(), non_neg_integer(), keyword()) ::
-          {:ok, binary()} | {:error, term()}
-  def write_read(%Handle{} = bus, address, data, count, opts \\ []),
-    do: transfer(bus, :write_read, address, [data, count], opts)
-
-  @doc "Closes the handle; once more changes nothing. What others opened stays open."
-  @spec close(t()) :: :ok
-  def close(%Handle{} = bus), do: Server.close(bus)
-
-  @doc "The names of the backend's buses."
-  @spec bus_names() :: [String.t()]
-  def bus_names, do: backend().bus_names()
-
-  @doc "The addresses from 0x03 to 0x77 where a device answers. Asking may disturb some devices."
-  @spec detect_devices(t() | String.t()) :: [address()] | {:error, term()}
-  def detect_devices(%Handle{} = bus), do: Enum.filter(0x03..0x77, &device_present?(bus, &1))
-
-  def detect_devices(bus_name) when is_binary(bus_name) do
-    with {:ok, bus} <- open(bus_name) do
-      found = detect_devices(bus)
-      close(bus)
-      found
+    with {:ok, pid, ref} <- Client.open({backend, bus_name}, timeout_ms, clock) do
+      {:ok,
+       %__MODULE__{
+         name: bus_name,
+         backend: backend,
+         timeout_ms: timeout_ms,
+         pid: pid,
+         ref: ref,
+         retries: retries
+       }}
     end
   end
 
-  @doc "Whether a device answers at the address, as the backend finds out."
-  @spec device_present?(t(), address()) :: boolean()
-  def device_present?(%Handle{} = bus, address),
-    do: Server.transfer(bus, :device_present?, address, []) == true
+  @doc "Reads `count` bytes from the device. The option `:retries` overrides the one of `open/2`."
+  @spec read(t(), address(), non_neg_integer(), keyword()) :: {:ok, binary()} | {:error, term()}
+  def read(%__MODULE__{} = bus, address, count, opts \\ []),
+    do: transfer(bus, :read, [address, count, @one_attempt], retries!(opts, bus.retries))
+
+  @doc "Writes bytes to the device."
+  @spec write(t(), address(), iodata(), keyword()) :: :ok | {:error, term()}
+  def write(%__MODULE__{} = bus, address, data, opts \\ []),
+    do: transfer(bus, :write, [address, data, @one_attempt], retries!(opts, bus.retries))
+
+  @doc "Writes bytes and then reads `count` bytes, in one transfer."
+  @spec write_read(t(), address(), iodata(), non_neg_integer(), keyword()) ::
+          {:ok, binary()} | {:error, term()}
+  def write_read(%__MODULE__{} = bus, address, data, count, opts \\ []),
+    do:
+      transfer(
+        bus,
+        :write_read,
+        [address, data, count, @one_attempt],
+        retries!(opts, bus.retries)
+      )
+
+  @doc "Closes the handle, and leaves the others open. Closing it again has no effect."
+  @spec close(t()) :: :ok
+  def close(%__MODULE__{} = bus), do: Client.close(bus)
+
+  @doc "Returns the names of the backend's buses."
+  @spec bus_names() :: [String.t()]
+  def bus_names, do: backend().bus_names()
 
   @doc """
-  How the buses are that are open now, sorted by name; an empty list when none is. Each has
+  Returns the addresses from 0x03 to 0x77 at which a device answers.
+
+  The scan can disturb some devices.
+  """
+  @spec detect_devices(t() | String.t()) :: [address()] | {:error, term()}
+  def detect_devices(bus) when is_binary(bus) or is_struct(bus, __MODULE__),
+    do: Scan.detect_devices(__MODULE__, bus)
+
+  @doc "Returns whether a device answers at the address, as the backend finds it out."
+  @spec device_present?(t(), address()) :: boolean()
+  def device_present?(%__MODULE__{} = bus, address),
+    do: Client.transfer(bus, :device_present?, [address]) == true
+
+  @doc """
+  Returns the states of the open buses, sorted by name.
+
+  Each has
 
   - `:bus`, its name, and `:backend`;
-  - `:state`: `:up`, `:down` (closed for a moment; calls fail at once) or `:trying` (open again, and nobody has answered yet);
-  - `:error`: what took it down, `nil` while it is up;
-  - `:reopened`: how often it was opened anew after it had been down, since its process started;
-  - `:handles`: how many there are.
+  - `:state`: `:up`, `:down` (closed for a moment; calls fail at once) or `:trying` (reopened, and no
+    device has answered yet);
+  - `:error`: the error that closed it, `nil` while it is up;
+  - `:reopened`: how often it was reopened since its process started;
+  - `:handles`: how many handles are open.
   """
   @spec health() :: [
           %{
@@ -155,20 +206,19 @@ defmodule BB.Bus.I2C do
             handles: non_neg_integer()
           }
         ]
-  defdelegate health(), to: Server
-
-  # Each attempt is a transfer of its own: others come between, and none lasts longer than the timeout.
-  defp transfer(bus, function, address, arguments, opts) do
-    arguments = arguments ++ [[retries: 0]]
-
-    attempt(retries!(opts, bus.retries), fn ->
-      Server.transfer(bus, function, address, arguments)
-    end)
+  def health do
+    Buses.registry()
+    |> Registry.select([{{:_, :_, :"$1"}, [{:is_map, :"$1"}], [:"$1"]}])
+    |> Enum.sort_by(& &1.bus)
   end
 
-  defp attempt(retries, transfer) do
-    with {:error, _error} when retries > 0 <- transfer.(), do: attempt(retries - 1, transfer)
+  defp transfer(bus, function, arguments, retries) do
+    with {:error, _error} when retries > 0 <- Client.transfer(bus, function, arguments),
+         do: transfer(bus, function, arguments, retries - 1)
   end
+
+  defp timeout_ms(timeout) when timeout < 0, do: @timeouts_ms.last
+  defp timeout_ms(timeout), do: timeout |> max(@timeouts_ms.first) |> min(@timeouts_ms.last)
 
   defp retries!(opts, default) do
     case integer!(opts, :retries, default) do

@@ -391,8 +391,8 @@ defmodule BB.Bus.I2CTest do
           assert I2C.read(bus, 0x10, 1) == {:ok, <<1>>}
         end)
 
-      assert length(String.split(log, "the bus #{name} is closed")) == 2
-      assert length(String.split(log, "the bus #{name} is up again")) == 2
+      assert length(String.split(log, "bus #{name} closed")) == 2
+      assert length(String.split(log, "bus #{name} is up again")) == 2
     end
   end
 

@@ -51,6 +51,9 @@ defmodule BB.Bus.Linux.I2C do
   The kernel's timeout is the adapter's: the last one who sets it sets it for all.
   """
 
+  import BB.Bus.I2C.Scan, only: [is_memory_chip: 1]
+
+  alias BB.Bus.I2C.Scan
   alias BB.Bus.Linux
   alias BB.Bus.Linux.{Error, Native}
 
@@ -73,8 +76,6 @@ defmodule BB.Bus.Linux.I2C do
   @quick 0x00010000
   @enodev 19
   @ebadf 9
-  # Memory chips may take an empty write for one of a byte.
-  @memory_chips [0x30..0x37, 0x50..0x5F]
 
   @doc """
   Opens a bus. Options:
@@ -116,8 +117,8 @@ defmodule BB.Bus.Linux.I2C do
   @doc "Reads `count` bytes from the device. `retries:` overrides that of `open/2`."
   @spec read(t(), address(), non_neg_integer(), keyword()) :: {:ok, binary()} | {:error, term()}
   def read(%__MODULE__{} = bus, address, count, opts \\ []) do
-    arguments = [address!(address), nil, count!(count)]
-    transfer(bus, opts, fn -> apply(Native, :i2c_read, [bus.ref | arguments]) end)
+    arguments = [bus.ref, address!(address), nil, count!(count)]
+    transfer(bus, :i2c_read, arguments, retries!(opts, bus.retries))
   end
 
   @doc "As `read/4`, and raises on an error."
@@ -127,8 +128,8 @@ defmodule BB.Bus.Linux.I2C do
   @doc "Writes bytes to the device. None at all asks only whether it is there."
   @spec write(t(), address(), iodata(), keyword()) :: :ok | {:error, term()}
   def write(%__MODULE__{} = bus, address, data, opts \\ []) do
-    arguments = [address!(address), data!(data)]
-    transfer(bus, opts, fn -> apply(Native, :i2c_write, [bus.ref | arguments]) end)
+    arguments = [bus.ref, address!(address), IO.iodata_to_binary(data)]
+    transfer(bus, :i2c_write, arguments, retries!(opts, bus.retries))
   end
 
   @doc "As `write/4`, and raises on an error."
@@ -139,8 +140,8 @@ defmodule BB.Bus.Linux.I2C do
   @spec write_read(t(), address(), iodata(), non_neg_integer(), keyword()) ::
           {:ok, binary()} | {:error, term()}
   def write_read(%__MODULE__{} = bus, address, data, count, opts \\ []) do
-    arguments = [address!(address), data!(data), count!(count)]
-    transfer(bus, opts, fn -> apply(Native, :i2c_read, [bus.ref | arguments]) end)
+    arguments = [bus.ref, address!(address), IO.iodata_to_binary(data), count!(count)]
+    transfer(bus, :i2c_read, arguments, retries!(opts, bus.retries))
   end
 
   @doc "As `write_read/5`, and raises on an error."
@@ -170,18 +171,13 @@ defmodule BB.Bus.Linux.I2C do
   end
 
   @doc """
-  The addresses from 0x03 to 0x77 where a device answers. Asking may disturb some devices.
+  Returns the addresses from 0x03 to 0x77 at which a device answers.
+
+  The scan can disturb some devices.
   """
   @spec detect_devices(t() | String.t()) :: [address()] | {:error, term()}
-  def detect_devices(%__MODULE__{} = bus), do: Enum.filter(0x03..0x77, &device_present?(bus, &1))
-
-  def detect_devices(name) when is_binary(name) do
-    with {:ok, bus} <- open(name) do
-      found = detect_devices(bus)
-      close(bus)
-      found
-    end
-  end
+  def detect_devices(bus) when is_binary(bus) or is_struct(bus, __MODULE__),
+    do: Scan.detect_devices(__MODULE__, bus)
 
   @doc """
   The buses and addresses, out of those that are possible, where the device is: where it answers, or
@@ -213,7 +209,7 @@ defmodule BB.Bus.Linux.I2C do
   """
   @spec device_present?(t(), address()) :: boolean()
   def device_present?(%__MODULE__{} = bus, address) do
-    if :supports_empty_write in bus.flags and not Enum.any?(@memory_chips, &(address in &1)),
+    if :supports_empty_write in bus.flags and not is_memory_chip(address),
       do: write(bus, address, <<>>) == :ok,
       else: match?({:ok, _}, read(bus, address, 1))
   end
@@ -222,15 +218,12 @@ defmodule BB.Bus.Linux.I2C do
   @spec info(term()) :: map()
   def info(_backend \\ nil), do: %{backend: __MODULE__}
 
-  # Each try is a transfer of its own.
-  defp transfer(bus, opts, fun), do: attempt(bus, retries!(opts, bus.retries), fun)
-
-  defp attempt(bus, retries, fun) do
-    case fun.() do
+  defp transfer(bus, function, arguments, retries) do
+    case apply(Native, function, arguments) do
       {:error, @ebadf} -> {:error, Error.i2c(@ebadf)}
-      {:error, _errno} when retries > 0 -> attempt(bus, retries - 1, fun)
+      {:error, _errno} when retries > 0 -> transfer(bus, function, arguments, retries - 1)
       {:error, errno} -> {:error, error(Error.i2c(errno), bus)}
-      done -> done
+      result -> result
     end
   end
 
@@ -290,6 +283,4 @@ defmodule BB.Bus.Linux.I2C do
 
   defp count!(other),
     do: raise(ArgumentError, "expected the number of bytes to read, got: #{inspect(other)}")
-
-  defp data!(data), do: IO.iodata_to_binary(data)
 end

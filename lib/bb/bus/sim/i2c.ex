@@ -26,6 +26,9 @@ defmodule BB.Bus.Sim.I2C do
 
   A wrong argument (an address that is no integer, data that is no iodata, a negative count) raises `ArgumentError`.
   """
+  import BB.Bus.I2C.Scan, only: [is_memory_chip: 1]
+
+  alias BB.Bus.I2C.Scan
   alias BB.Bus.Sim.Server
 
   @enforce_keys [:name, :pid, :closed, :retries, :timeout_ms]
@@ -85,21 +88,21 @@ defmodule BB.Bus.Sim.I2C do
   @spec bus_names() :: [String.t()]
   def bus_names, do: Server.names()
 
-  @doc "The addresses from 0x03 to 0x77 where a device answers. Reading may disturb some devices, as on real wires."
+  @doc """
+  Returns the addresses from 0x03 to 0x77 at which a device answers.
+
+  The scan can disturb some devices, as on real wires.
+  """
   @spec detect_devices(t() | String.t()) :: [address()] | {:error, term()}
-  def detect_devices(%__MODULE__{} = bus), do: Enum.filter(0x03..0x77, &device_present?(bus, &1))
+  def detect_devices(bus) when is_binary(bus) or is_struct(bus, __MODULE__),
+    do: Scan.detect_devices(__MODULE__, bus)
 
-  def detect_devices(name) when is_binary(name) do
-    with {:ok, bus} <- open(name) do
-      found = detect_devices(bus)
-      close(bus)
-      found
-    end
-  end
-
-  @doc "Whether a device answers at the address: to an empty write, or to a read where that could overwrite a memory chip."
+  @doc """
+  Returns whether a device answers at the address: to an empty write, or to a read at an address of
+  memory chips, in which an empty write could change a byte.
+  """
   @spec device_present?(t(), address()) :: boolean()
-  def device_present?(bus, address) when address in 0x30..0x37 or address in 0x50..0x5F,
+  def device_present?(bus, address) when is_memory_chip(address),
     do: match?({:ok, _}, read(bus, address, 1))
 
   def device_present?(bus, address), do: write(bus, address, <<>>) == :ok

@@ -1,22 +1,22 @@
-defmodule BB.Bus.I2C.ConditionTest do
+defmodule BB.Bus.I2C.RecoveryTest do
   use ExUnit.Case, async: true
 
-  alias BB.Bus.I2C.Condition
+  alias BB.Bus.I2C.Recovery
 
-  doctest BB.Bus.I2C.Condition
+  doctest BB.Bus.I2C.Recovery
 
   @timeout {:error, :timeout}
 
   # Answers in turn, each {address, answer}, while `in_use` are the addresses of all who have the bus open.
-  defp hear(condition, answers, in_use) do
-    Enum.reduce(answers, condition, fn {address, answer}, condition ->
-      Condition.heard(condition, address, answer, in_use, 0)
+  defp transfer(recovery, answers, in_use) do
+    Enum.reduce(answers, recovery, fn {address, answer}, recovery ->
+      Recovery.transferred(recovery, address, answer, in_use, 0)
     end)
   end
 
-  defp up, do: Condition.opened(Condition.new())
+  defp up, do: Recovery.opened(Recovery.new())
 
-  defp phase_after(answers, in_use), do: hear(up(), answers, in_use).phase
+  defp phase_after(answers, in_use), do: transfer(up(), answers, in_use).phase
 
   describe "a bus that is up" do
     test "is stuck when two addresses time out with no answer between" do
@@ -59,8 +59,8 @@ defmodule BB.Bus.I2C.ConditionTest do
 
     test "is down at once when its adapter is gone" do
       for errno <- [9, 19] do
-        condition = hear(up(), [{1, {:error, {:errno, errno}}}], [1, 2])
-        assert Condition.ask(condition, 0) == {:error, {:errno, errno}}
+        recovery = transfer(up(), [{1, {:error, {:errno, errno}}}], [1, 2])
+        assert Recovery.next_step(recovery, 0) == {:error, {:errno, errno}}
       end
 
       assert phase_after([{1, {:error, {:errno, 5}}}], [1]) == :up
@@ -69,51 +69,51 @@ defmodule BB.Bus.I2C.ConditionTest do
 
   describe "a bus that is down" do
     test "is opened after 10 ms, then after twice as long each time, at most 100 ms" do
-      down = hear(up(), [{1, @timeout}, {2, @timeout}], [1, 2])
+      down = transfer(up(), [{1, @timeout}, {2, @timeout}], [1, 2])
 
       Enum.reduce([10, 20, 40, 80, 100, 100], down, fn delay_ms, down ->
-        assert Condition.ask(down, delay_ms - 1) == {:error, :timeout}
-        assert Condition.ask(down, delay_ms) == :open
-        trying = Condition.opened(down)
-        assert Condition.ask(trying, delay_ms) == :transfer
-        hear(trying, [{1, @timeout}, {2, @timeout}], [1, 2])
+        assert Recovery.next_step(down, delay_ms - 1) == {:error, :timeout}
+        assert Recovery.next_step(down, delay_ms) == :open
+        trying = Recovery.opened(down)
+        assert Recovery.next_step(trying, delay_ms) == :transfer
+        transfer(trying, [{1, @timeout}, {2, @timeout}], [1, 2])
       end)
     end
 
     test "waits longer too when it cannot be opened, and says why" do
-      down = hear(up(), [{1, {:error, {:errno, 19}}}], [1])
-      down = Condition.unopened(down, :bus_not_found, 10)
-      assert Condition.ask(down, 29) == {:error, :bus_not_found}
-      assert Condition.ask(down, 30) == :open
+      down = transfer(up(), [{1, {:error, {:errno, 19}}}], [1])
+      down = Recovery.open_failed(down, :bus_not_found, 10)
+      assert Recovery.next_step(down, 29) == {:error, :bus_not_found}
+      assert Recovery.next_step(down, 30) == :open
     end
   end
 
   describe "a bus that is tried" do
     setup do
-      %{trying: up() |> hear([{1, @timeout}, {2, @timeout}], [1, 2]) |> Condition.opened()}
+      %{trying: up() |> transfer([{1, @timeout}, {2, @timeout}], [1, 2]) |> Recovery.opened()}
     end
 
     test "is well again with the first answer, and begins anew with 10 ms", %{trying: trying} do
-      well = hear(trying, [{1, @timeout}, {2, {:error, :i2c_nak}}], [1, 2])
+      well = transfer(trying, [{1, @timeout}, {2, {:error, :i2c_nak}}], [1, 2])
       assert well.phase == :up
-      down = hear(well, [{2, @timeout}, {3, @timeout}], [1, 2, 3])
-      assert Condition.ask(down, 10) == :open
+      down = transfer(well, [{2, @timeout}, {3, @timeout}], [1, 2, 3])
+      assert Recovery.next_step(down, 10) == :open
     end
 
     test "is not taken down by one address of several", %{trying: trying} do
-      assert hear(trying, [{1, @timeout}, {1, @timeout}], [1, 2]).phase == :trying
+      assert transfer(trying, [{1, @timeout}, {1, @timeout}], [1, 2]).phase == :trying
     end
 
     test "is taken down by one timeout of the only address in use", %{trying: trying} do
-      assert hear(trying, [{1, @timeout}], [1]).phase == :down
+      assert transfer(trying, [{1, @timeout}], [1]).phase == :down
     end
   end
 
   test "trouble is remembered, an address that fails alone is none" do
-    refute Condition.troubled?(Condition.new())
-    refute Condition.troubled?(up())
-    assert Condition.troubled?(hear(up(), [{1, @timeout}], [1]))
-    refute Condition.troubled?(hear(up(), [{1, @timeout}, {2, :ok}], [1, 2]))
-    assert Condition.troubled?(hear(up(), [{1, @timeout}, {2, @timeout}], [1, 2]))
+    refute Recovery.troubled?(Recovery.new())
+    refute Recovery.troubled?(up())
+    assert Recovery.troubled?(transfer(up(), [{1, @timeout}], [1]))
+    refute Recovery.troubled?(transfer(up(), [{1, @timeout}, {2, :ok}], [1, 2]))
+    assert Recovery.troubled?(transfer(up(), [{1, @timeout}, {2, @timeout}], [1, 2]))
   end
 end
