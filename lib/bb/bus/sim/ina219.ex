@@ -26,7 +26,7 @@ defmodule BB.Bus.Sim.Ina219 do
 
   import Bitwise
 
-  alias BB.Bus.Sim.{Pace, Source}
+  alias BB.Bus.Sim.{SampleTimes, Source}
 
   @configuration 0
   @shunt_voltage 1
@@ -42,7 +42,7 @@ defmodule BB.Bus.Sim.Ina219 do
     :reset_value,
     :configuration,
     :powered_ns,
-    :pace,
+    :sample_times,
     pointer: 0,
     calibration: 0,
     shunt_voltage: 0,
@@ -119,8 +119,8 @@ defmodule BB.Bus.Sim.Ina219 do
     bus_ns = if (mode &&& 0b010) != 0, do: conversion_ns(bus_adc), else: 0
 
     if shunt_ns + bus_ns > 0,
-      do: %{chip | pace: Pace.new(shunt_ns + bus_ns, now_ns)},
-      else: %{chip | pace: nil}
+      do: %{chip | sample_times: SampleTimes.new(shunt_ns + bus_ns, now_ns)},
+      else: %{chip | sample_times: nil}
   end
 
   defp conversion_ns(code) do
@@ -131,17 +131,17 @@ defmodule BB.Bus.Sim.Ina219 do
     end
   end
 
-  defp convert(%{pace: nil} = chip, _now_ns), do: chip
+  defp convert(%{sample_times: nil} = chip, _now_ns), do: chip
 
   defp convert(chip, now_ns) do
-    case Pace.take(chip.pace, now_ns) do
-      {:ok, time_ns, pace} -> latch(%{chip | pace: still(pace, chip)}, time_ns)
+    case SampleTimes.take_latest(chip.sample_times, now_ns) do
+      {:ok, time_ns, times} -> latch(%{chip | sample_times: still(times, chip)}, time_ns)
       :none -> chip
     end
   end
 
   # Triggered, it converts once.
-  defp still(pace, chip), do: if((chip.configuration &&& 0b100) != 0, do: pace, else: nil)
+  defp still(times, chip), do: if((chip.configuration &&& 0b100) != 0, do: times, else: nil)
 
   defp latch(chip, time_ns) do
     rail = Source.at(chip.source, (time_ns - chip.powered_ns) / 1.0e9)

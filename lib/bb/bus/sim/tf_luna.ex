@@ -28,7 +28,7 @@ defmodule BB.Bus.Sim.TfLuna do
   """
   @behaviour BB.Bus.Sim.Device
 
-  alias BB.Bus.Sim.{Burst, Pace, Source}
+  alias BB.Bus.Sim.{Burst, SampleTimes, Source}
 
   @save 0x20
   @reboot 0x21
@@ -50,7 +50,7 @@ defmodule BB.Bus.Sim.TfLuna do
     :reboot_ns,
     :powered_ns,
     :started_ns,
-    :pace,
+    :sample_times,
     :shot_ns,
     pointer: 0,
     registers: @factory,
@@ -116,14 +116,14 @@ defmodule BB.Bus.Sim.TfLuna do
   defp start(chip, started_ns) do
     chip = %{chip | started_ns: started_ns, shot_ns: nil, data: @no_data}
     chip = %{chip | registers: chip.saved, active: chip.saved}
-    %{chip | pace: pace(chip.active, started_ns)}
+    %{chip | sample_times: sample_times(chip.active, started_ns)}
   end
 
-  defp pace(%{@mode => 1}, _started_ns), do: nil
+  defp sample_times(%{@mode => 1}, _started_ns), do: nil
 
-  defp pace(active, started_ns) do
+  defp sample_times(active, started_ns) do
     rate = active[@fps_low] + 256 * Map.get(active, @fps_high, 0)
-    if rate > 0, do: Pace.new(div(1_000_000_000, rate), started_ns)
+    if rate > 0, do: SampleTimes.new(div(1_000_000_000, rate), started_ns)
   end
 
   # Measurements.
@@ -131,11 +131,11 @@ defmodule BB.Bus.Sim.TfLuna do
   defp take(%{shot_ns: shot_ns} = chip, now_ns) when shot_ns != nil and shot_ns <= now_ns,
     do: latch(%{chip | shot_ns: nil}, shot_ns)
 
-  defp take(%{pace: nil} = chip, _now_ns), do: chip
+  defp take(%{sample_times: nil} = chip, _now_ns), do: chip
 
   defp take(chip, now_ns) do
-    case Pace.take(chip.pace, now_ns) do
-      {:ok, time_ns, pace} -> latch(%{chip | pace: pace}, time_ns)
+    case SampleTimes.take_latest(chip.sample_times, now_ns) do
+      {:ok, time_ns, times} -> latch(%{chip | sample_times: times}, time_ns)
       :none -> chip
     end
   end

@@ -4,7 +4,6 @@ defmodule BB.Bus.Sim.SourceTest do
   alias BB.Bus.Sim.Source
 
   doctest BB.Bus.Sim.Source
-  doctest BB.Bus.Sim.Pace
 
   test "quantities that are not given are those by default" do
     assert [b: 3] |> Source.new(%{a: 1, b: 2}) |> Source.at(0) == %{a: 1, b: 3}
