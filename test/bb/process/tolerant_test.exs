@@ -23,7 +23,7 @@ defmodule BB.Process.TolerantTest do
   @others [BB.Component.Server]
 
   # Matches its lines before the request, so it is tested below, with lines.
-  @later [BB.Bus.Sim.GPIO.Chip]
+  @later [BB.Bus.Sim.GPIO.Server]
 
   defp servers do
     {:ok, modules} = :application.get_key(:ganglion, :modules)

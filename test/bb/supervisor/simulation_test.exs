@@ -8,7 +8,7 @@ defmodule BB.Supervisor.SimulationTest do
   alias BB.Bus.Sim.Lines
   alias BB.Test.{Application, Brake, Run}
 
-  doctest BB.Bus.Sim.Wired
+  doctest BB.Bus.Sim.Claims
 
   @motion {Sim.Mpu6050, source: :motion}
   @rail {Sim.Ina219, source: [voltage: 11.1, current: 1.5]}
@@ -131,7 +131,7 @@ defmodule BB.Supervisor.SimulationTest do
     Process.flag(:trap_exit, true)
     assert {:error, error} = second.start_link()
     sentence = BB.Supervisor.format_error(error)
-    assert sentence =~ "the simulated bus #{bus} has another device at 0x40: a BB.Bus.Sim.Ina219"
+    assert sentence =~ "simulated bus #{bus} has another device at 0x40: a BB.Bus.Sim.Ina219"
     assert sentence =~ "that #{inspect(first)} declares; give #{inspect(second)} another bus"
     assert Process.whereis(second) == nil
     assert on(bus) == [{0x40, Sim.Ina219}]
@@ -156,7 +156,7 @@ defmodule BB.Supervisor.SimulationTest do
     assert {:error, error} = simulated(bus, [{0x68, {Absent, []}}]).start_link()
 
     assert BB.Supervisor.format_error(error) =~
-             "the simulated bus #{bus} has no device at 0x68: :no_recording"
+             "could not plug in a device at 0x68 of simulated bus #{bus}: :no_recording"
   end
 
   test "however often a bus is killed, an armed robot notices nothing else", %{bus: bus} do

@@ -46,21 +46,21 @@ defmodule BB.Bus.Sim.Fault do
   @doc """
   What one attempt meets: the way it is wrong (`nil` where nothing is), and the fault that is left.
 
-      iex> BB.Bus.Sim.Fault.meet({:nak, 2})
+      iex> BB.Bus.Sim.Fault.next({:nak, 2})
       {:nak, {:nak, 1}}
-      iex> BB.Bus.Sim.Fault.meet({:nak, 1})
+      iex> BB.Bus.Sim.Fault.next({:nak, 1})
       {:nak, nil}
-      iex> BB.Bus.Sim.Fault.meet({{:slow, 5}, 1})
+      iex> BB.Bus.Sim.Fault.next({{:slow, 5}, 1})
       {{:slow, 5}, nil}
-      iex> BB.Bus.Sim.Fault.meet({:slow, 5})
+      iex> BB.Bus.Sim.Fault.next({:slow, 5})
       {{:slow, 5}, {:slow, 5}}
-      iex> BB.Bus.Sim.Fault.meet(nil)
+      iex> BB.Bus.Sim.Fault.next(nil)
       {nil, nil}
   """
-  @spec meet(t() | nil) :: {kind() | nil, t() | nil}
-  def meet(nil), do: {nil, nil}
+  @spec next(t() | nil) :: {kind() | nil, t() | nil}
+  def next(nil), do: {nil, nil}
 
-  def meet(fault) do
+  def next(fault) do
     case {kind?(fault), fault} do
       {true, kind} -> {kind, kind}
       {false, {kind, 1}} -> {kind, nil}

@@ -45,7 +45,7 @@ defmodule BB.Bus.Sim.Lines do
   require BB.Bus.Sim.GPIO.Line
 
   alias BB.Bus.Sim.GPIO
-  alias BB.Bus.Sim.GPIO.{Chip, Line}
+  alias BB.Bus.Sim.GPIO.{Line, Server}
 
   # All chips end with the registry that has their names.
   @restarts [max_restarts: 1_000, max_seconds: 1]
@@ -96,13 +96,13 @@ defmodule BB.Bus.Sim.Lines do
   @impl Supervisor
   def init(chips) do
     chips
-    |> Enum.map(fn {name, chip} -> Supervisor.child_spec({Chip, {name, chip}}, id: name) end)
+    |> Enum.map(fn {name, chip} -> Supervisor.child_spec({Server, {name, chip}}, id: name) end)
     |> Supervisor.init([strategy: :one_for_one] ++ @restarts)
   end
 
   @doc "The names of the chips that run now, sorted."
   @spec names() :: [name()]
-  def names, do: Chip.names()
+  def names, do: Server.names()
 
   @doc """
   A line as it is: the level at the pin (`:near`), at the devices' end (`:far`), its `:fault` (or `nil`) and whether somebody has it `:open?`.
@@ -151,7 +151,7 @@ defmodule BB.Bus.Sim.Lines do
 
   @doc "What was ever plugged in: for each device its `:module`, its `:pins`, whether it is `:plugged?` and whether its model is `:broken?`."
   @spec devices(name()) :: %{atom() => map()} | {:error, :not_found}
-  def devices(chip), do: Chip.ask(chip, :devices)
+  def devices(chip), do: Server.call(chip, :devices)
 
   @doc """
   Plugs a new device in, powered up. A name whose device is plugged in is `{:error, :name_taken}`.
@@ -160,7 +160,7 @@ defmodule BB.Bus.Sim.Lines do
   """
   @spec plug(name(), atom(), device()) :: :ok | {:error, :not_found | :name_taken}
   def plug(chip, name, {module, opts} = device) when is_atom(module) and is_list(opts) do
-    case Chip.ask(chip, {:plug, name, device}) do
+    case Server.call(chip, {:plug, name, device}) do
       {:raise, exception} -> raise exception
       answer -> answer
     end
@@ -168,19 +168,19 @@ defmodule BB.Bus.Sim.Lines do
 
   @doc "Pulls the device's wires: it drives nothing from now on. Once more changes nothing."
   @spec unplug(name(), atom()) :: :ok | {:error, :not_found | :no_device}
-  def unplug(chip, name), do: Chip.ask(chip, {:unplug, name})
+  def unplug(chip, name), do: Server.call(chip, {:unplug, name})
 
   @doc "Plugs the same device in again, as after power-on. One that is plugged in stays as it is."
   @spec replug(name(), atom()) :: :ok | {:error, :not_found | :no_device}
-  def replug(chip, name), do: Chip.ask(chip, {:replug, name})
+  def replug(chip, name), do: Server.call(chip, {:replug, name})
 
   @doc "Does something to a device, such as `:press`; its model says what there is."
   @spec tell(name(), atom(), order :: term()) ::
           :ok | {:error, :not_found | :no_device | :unknown_order}
-  def tell(chip, name, order), do: Chip.ask(chip, {:tell, name, order})
+  def tell(chip, name, order), do: Server.call(chip, {:tell, name, order})
 
   defp ask(spec, request) do
-    with {:ok, {chip, offset}} <- GPIO.locate(spec), do: Chip.ask(chip, request.(offset))
+    with {:ok, {chip, offset}} <- GPIO.locate(spec), do: Server.call(chip, request.(offset))
   end
 
   defp chips!(opts) do

@@ -1,19 +1,25 @@
 defmodule BB.Bus.Sim.Server do
   @moduledoc """
-  The process that is one simulated bus. Used through `BB.Bus.Sim` and `BB.Bus.Sim.I2C`.
+  The process of one simulated I2C bus.
 
-  Transfers wait in a queue for the bus to be free, whereas orders to the simulation (unplug, fault, …) are obeyed at once.
+  `BB.Bus.Sim` and `BB.Bus.Sim.I2C` call it. Transfers wait in a queue until the bus is free. Orders to
+  the simulation (unplug, fault, …) take effect at once. `BB.Bus.Sim.Slot` decides what a device
+  answers.
   """
+  @moduledoc no_example: "internal: BB.Bus.Sim and BB.Bus.Sim.I2C are its interface"
+
   use GenServer
   use BB.Process.Tolerant
 
-  alias BB.Bus.Sim.{Directory, Interrupts, Slot, Wired}
+  alias BB.Bus.Sim.{Claims, Directory, Interrupts, Slot}
 
   @registry BB.Bus.Sim.Registry
+  @options [:devices, :clock, :clock_hz]
   @no_such_device 19
   @orders [:unplug, :replug, :clear]
   @ns_per_ms 1_000_000
 
+  @typedoc "A transfer, with the settings of its handle."
   @type transfer :: %{
           address: non_neg_integer(),
           request: Slot.request(),
@@ -25,15 +31,16 @@ defmodule BB.Bus.Sim.Server do
   def start_link({name, opts}),
     do: Directory.start_link(__MODULE__, {name, opts}, @registry, name)
 
-  @doc "The names of the buses that run now, sorted."
+  @doc "Returns the names of the buses that run, sorted."
   @spec names() :: [String.t()]
   def names, do: Directory.names(@registry)
 
-  @doc "The process of a bus."
+  @doc "Returns the process of a bus."
   @spec fetch(String.t()) :: {:ok, pid()} | :error
   def fetch(name), do: Directory.fetch(@registry, name)
 
-  @doc "Gives the bus an order; `{:error, :bus_not_found}` where there is none."
+  @doc "Gives a bus an order. Returns `{:error, :bus_not_found}` when it does not run."
+  @spec call(String.t(), order :: term()) :: term()
   def call(name, order) when is_binary(name) do
     GenServer.call(Directory.via(@registry, name), order, :infinity)
   catch
@@ -42,7 +49,7 @@ defmodule BB.Bus.Sim.Server do
       {:error, :bus_not_found}
   end
 
-  @doc "Performs a transfer. A bus that was taken away since it was opened is the kernel's ENODEV."
+  @doc "Makes a transfer. A bus that has ended since it was opened returns the kernel's ENODEV."
   @spec transfer(pid(), transfer()) :: :ok | {:ok, binary()} | {:error, term()}
   def transfer(pid, transfer) do
     GenServer.call(pid, {:transfer, transfer}, :infinity)
@@ -57,7 +64,7 @@ defmodule BB.Bus.Sim.Server do
 
     bus = %{
       slots: %{},
-      wired: %{},
+      claims: %{},
       clock: clock,
       interrupts: if(is_function(clock), do: nil, else: Interrupts.new(name, clock)),
       clock_hz: opts[:clock_hz],
@@ -72,7 +79,7 @@ defmodule BB.Bus.Sim.Server do
 
   @impl GenServer
   def handle_call({:transfer, transfer}, from, bus),
-    do: {:noreply, serve(%{bus | queue: :queue.in({from, transfer}, bus.queue)})}
+    do: {:noreply, run_queue(%{bus | queue: :queue.in({from, transfer}, bus.queue)})}
 
   def handle_call(:devices, _from, bus), do: {:reply, Map.new(bus.slots, &describe/1), bus}
 
@@ -86,18 +93,18 @@ defmodule BB.Bus.Sim.Server do
   end
 
   def handle_call({:wire, address, device, robot}, _from, bus) do
-    case Wired.ask(bus.wired, address, present(bus.slots[address]), device, robot) do
+    case Claims.check(bus.claims, address, present(bus.slots[address]), device, robot) do
       :free -> wire(plug(address, device, bus), address, robot, bus)
-      :shared -> {:reply, :ok, wired(bus, address, robot)}
-      other -> {:reply, other, bus}
+      :shared -> {:reply, :ok, claim(bus, address, robot)}
+      refused -> {:reply, refused, bus}
     end
   end
 
   def handle_call({:unwire, robot}, _from, bus) do
-    {wired, gone} = Wired.drop(bus.wired, robot)
+    {claims, free} = Claims.drop(bus.claims, robot)
 
     bus =
-      for address <- gone, reduce: %{bus | wired: wired} do
+      for address <- free, reduce: %{bus | claims: claims} do
         bus -> put_slot(bus, address, Slot.unplug(bus.slots[address]))
       end
 
@@ -105,14 +112,15 @@ defmodule BB.Bus.Sim.Server do
   end
 
   def handle_call({order, address}, _from, bus) when order in @orders,
-    do: obey(order, address, bus)
+    do: change_slot(order, address, bus)
 
-  def handle_call({:fault, address, fault}, _from, bus), do: obey({:fault, fault}, address, bus)
+  def handle_call({:fault, address, fault}, _from, bus),
+    do: change_slot({:fault, fault}, address, bus)
 
   @impl GenServer
   def handle_info(:free, %{holder: {from, answer}} = bus) do
     GenServer.reply(from, answer)
-    {:noreply, serve(%{bus | holder: nil})}
+    {:noreply, run_queue(%{bus | holder: nil})}
   end
 
   def handle_info({:pulse, address}, bus),
@@ -120,16 +128,19 @@ defmodule BB.Bus.Sim.Server do
 
   # Transfers: one holds the bus at a time.
 
-  defp serve(%{holder: nil} = bus) do
+  defp run_queue(%{holder: nil} = bus) do
     case :queue.out(bus.queue) do
-      {:empty, _} -> bus
-      {{:value, {from, transfer}}, queue} -> serve(perform(from, transfer, %{bus | queue: queue}))
+      {:empty, _} ->
+        bus
+
+      {{:value, {from, transfer}}, queue} ->
+        run_queue(run_transfer(from, transfer, %{bus | queue: queue}))
     end
   end
 
-  defp serve(bus), do: bus
+  defp run_queue(bus), do: bus
 
-  defp perform(from, transfer, bus) do
+  defp run_transfer(from, transfer, bus) do
     slot = bus.slots[transfer.address]
     {answer, cost_ns, slot} = attempt(slot, transfer, transfer.retries, 0, bus)
     bus = if slot, do: put_slot(bus, transfer.address, slot), else: bus
@@ -137,7 +148,7 @@ defmodule BB.Bus.Sim.Server do
   end
 
   defp attempt(slot, transfer, retries, spent_ns, bus) do
-    {answer, held_ms, slot} = attempt(slot, transfer, bus)
+    {answer, held_ms, slot} = attempt_once(slot, transfer, bus)
     spent_ns = spent_ns + held_ms * @ns_per_ms + cost_ns(answer, transfer, bus.clock_hz)
 
     if retries > 0 and match?({:error, _}, answer),
@@ -145,10 +156,10 @@ defmodule BB.Bus.Sim.Server do
       else: {answer, spent_ns, slot}
   end
 
-  defp attempt(slot, transfer, %{stuck?: true}),
+  defp attempt_once(slot, transfer, %{stuck?: true}),
     do: {{:error, :timeout}, transfer.timeout_ms, slot}
 
-  defp attempt(slot, transfer, bus),
+  defp attempt_once(slot, transfer, bus),
     do: Slot.attempt(slot, transfer.request, transfer.timeout_ms, now_ns(bus))
 
   defp cost_ns({:error, :timeout}, _transfer, _clock_hz), do: 0
@@ -182,7 +193,7 @@ defmodule BB.Bus.Sim.Server do
 
   # Orders to the simulation.
 
-  defp obey(order, address, bus) do
+  defp change_slot(order, address, bus) do
     with {:ok, slot} <- fetch_slot(bus, address), {:ok, slot} <- change(order, slot, bus) do
       {:reply, :ok, put_slot(bus, address, slot)}
     else
@@ -196,8 +207,8 @@ defmodule BB.Bus.Sim.Server do
 
   defp change(:unplug, slot, _bus), do: {:ok, Slot.unplug(slot)}
   defp change(:replug, slot, bus), do: Slot.replug(slot, now_ns(bus))
-  defp change(:clear, slot, _bus), do: {:ok, Slot.mend(slot)}
-  defp change({:fault, fault}, slot, bus), do: Slot.harm(slot, fault, now_ns(bus))
+  defp change(:clear, slot, _bus), do: {:ok, Slot.clear_fault(slot)}
+  defp change({:fault, fault}, slot, bus), do: Slot.put_fault(slot, fault, now_ns(bus))
 
   defp plug(address, device, bus) do
     case bus.slots[address] do
@@ -210,14 +221,6 @@ defmodule BB.Bus.Sim.Server do
     end
   end
 
-  defp present(%{plugged?: true} = slot), do: {slot.module, slot.opts}
-  defp present(_nothing), do: nil
-
-  defp wire({:ok, bus}, address, robot, _before), do: {:reply, :ok, wired(bus, address, robot)}
-  defp wire(error, _address, _robot, bus), do: {:reply, error, bus}
-
-  defp wired(bus, address, robot), do: %{bus | wired: Wired.add(bus.wired, address, robot)}
-
   defp plug_all([], bus), do: {:ok, bus}
 
   defp plug_all([{address, device} | rest], bus) do
@@ -228,22 +231,34 @@ defmodule BB.Bus.Sim.Server do
     end
   end
 
+  defp present(%{plugged?: true} = slot), do: {slot.module, slot.opts}
+  defp present(_absent), do: nil
+
+  defp wire({:ok, bus}, address, robot, _before), do: {:reply, :ok, claim(bus, address, robot)}
+  defp wire(error, _address, _robot, bus), do: {:reply, error, bus}
+
+  defp claim(bus, address, robot), do: %{bus | claims: Claims.add(bus.claims, address, robot)}
+
   defp describe({address, slot}),
     do: {address, Map.take(slot, [:module, :plugged?, :fault, :broken?, :transfers])}
 
-  defp check_options!(opts) do
-    case Keyword.keys(opts) -- [:devices, :clock, :clock_hz] do
-      [] -> :ok
-      unknown -> raise ArgumentError, "unknown options of a bus: #{inspect(unknown)}"
-    end
-  end
-
-  # Whatever was done to a device may have changed what its interrupt pin does.
+  # Each change of a device can change the pulses of its interrupt pin.
   defp put_slot(%{interrupts: nil} = bus, address, slot), do: put_in(bus.slots[address], slot)
 
   defp put_slot(bus, address, slot) do
     interrupts = Interrupts.follow(bus.interrupts, address, slot)
     %{bus | slots: Map.put(bus.slots, address, slot), interrupts: interrupts}
+  end
+
+  defp check_options!(opts) do
+    case Keyword.keys(opts) -- @options do
+      [] ->
+        :ok
+
+      unknown ->
+        raise ArgumentError,
+              "unknown options #{inspect(unknown)} of a bus, expected: #{inspect(@options)}"
+    end
   end
 
   defp clock!(clock)
@@ -252,7 +267,8 @@ defmodule BB.Bus.Sim.Server do
 
   defp clock!(other) do
     raise ArgumentError,
-          "expected clock: a BB.Clock or a function that returns nanoseconds, got: #{inspect(other)}"
+          "expected clock: a BB.Clock or a function that returns nanoseconds, " <>
+            "got: #{inspect(other)}"
   end
 
   defp now_ns(%{clock: clock}) when is_function(clock), do: clock.()

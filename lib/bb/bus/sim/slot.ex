@@ -1,9 +1,12 @@
 defmodule BB.Bus.Sim.Slot do
   @moduledoc """
-  One address of a simulated bus: the device's model with its state, and what is wrong with it.
+  One address of a simulated bus: the device's model, its state and its fault.
 
-  Pure but for the log entry of a model that raised. A slot outlives its device's wires: it stays when the device is unplugged.
+  `BB.Bus.Sim.Server` keeps one for each address. A slot stays when its device is unplugged. It is
+  pure, except that it logs a model that raises.
   """
+  @moduledoc no_example: "internal: BB.Bus.Sim is its interface"
+
   require Logger
 
   alias BB.Bus.Sim.Fault
@@ -21,14 +24,16 @@ defmodule BB.Bus.Sim.Slot do
     transfers: 0
   ]
 
+  @typedoc "A slot. `:twin` is the state of a second device; `:dice` is the random state of bit errors."
   @type t :: %__MODULE__{}
 
-  @typedoc "What a transfer asks for: bytes to write (or `nil`) and a count to read (or `nil`)."
+  @typedoc "The bytes that a transfer writes, or `nil`, and how many it reads, or `nil`."
   @type request :: {binary() | nil, non_neg_integer() | nil}
 
+  @typedoc "The result of a transfer."
   @type answer :: :ok | {:ok, binary()} | {:error, term()}
 
-  @doc "A device at power-on. `{:raise, exception}` when its model refuses its options."
+  @doc "Powers a device up. Returns `{:raise, exception}` when its model refuses its options."
   @spec new(BB.Bus.Sim.device(), integer()) ::
           {:ok, t()} | {:error, term()} | {:raise, Exception.t()}
   def new({module, opts}, now_ns) do
@@ -42,7 +47,7 @@ defmodule BB.Bus.Sim.Slot do
     kind, reason -> {:raise, BB.Bus.Sim.Device.not_made(module, kind, reason)}
   end
 
-  @doc "Powers an unplugged device up anew."
+  @doc "Powers an unplugged device up again."
   @spec replug(t(), integer()) :: {:ok, t()} | {:error, term()}
   def replug(%__MODULE__{plugged?: true, broken?: false} = slot, _now_ns), do: {:ok, slot}
 
@@ -54,26 +59,34 @@ defmodule BB.Bus.Sim.Slot do
     end
   end
 
-  @doc "Pulls the wires: what was wrong with the device goes with them."
+  @doc "Disconnects the device, and clears its fault."
   @spec unplug(t()) :: t()
-  def unplug(slot), do: %{mend(slot) | plugged?: false}
-
-  @doc "Makes the device fail. `{:raise, exception}` or `{:error, reason}` when a twin cannot be made."
-  @spec harm(t(), Fault.t(), integer()) :: {:ok, t()} | {:error, term()} | {:raise, Exception.t()}
-  def harm(slot, {:twin, device} = fault, now_ns) do
-    with {:ok, twin} <- new(device, now_ns), do: {:ok, %{mend(slot) | fault: fault, twin: twin}}
-  end
-
-  def harm(slot, fault, _now_ns),
-    do: {:ok, %{mend(slot) | fault: fault, dice: Fault.dice(fault)}}
-
-  @doc "Ends what is wrong with the device."
-  @spec mend(t()) :: t()
-  def mend(slot), do: %{slot | fault: nil, twin: nil, dice: nil}
+  def unplug(slot), do: %{clear_fault(slot) | plugged?: false}
 
   @doc """
-  One attempt of a transfer: its answer, how long the device holds the bus beyond the bytes, in milliseconds, and the slot after it.
-  `nil` is an address where nothing ever was.
+  Sets the device's fault.
+
+  Returns `{:raise, exception}` or `{:error, reason}` when a twin cannot be powered up.
+  """
+  @spec put_fault(t(), Fault.t(), integer()) ::
+          {:ok, t()} | {:error, term()} | {:raise, Exception.t()}
+  def put_fault(slot, {:twin, device} = fault, now_ns) do
+    with {:ok, twin} <- new(device, now_ns),
+         do: {:ok, %{clear_fault(slot) | fault: fault, twin: twin}}
+  end
+
+  def put_fault(slot, fault, _now_ns),
+    do: {:ok, %{clear_fault(slot) | fault: fault, dice: Fault.dice(fault)}}
+
+  @doc "Clears the device's fault."
+  @spec clear_fault(t()) :: t()
+  def clear_fault(slot), do: %{slot | fault: nil, twin: nil, dice: nil}
+
+  @doc """
+  Makes one attempt of a transfer.
+
+  Returns the answer, for how many milliseconds the device holds the bus beyond the time of the bytes,
+  and the slot. The slot is `nil` at an address that never had a device.
   """
   @spec attempt(t() | nil, request(), timeout_ms :: pos_integer(), integer()) ::
           {answer(), held_ms :: non_neg_integer(), t() | nil}
@@ -83,13 +96,13 @@ defmodule BB.Bus.Sim.Slot do
     do: {{:error, :i2c_nak}, 0, slot}
 
   def attempt(slot, request, timeout_ms, now_ns) do
-    {wrong, fault} = Fault.meet(slot.fault)
-    suffer(wrong, %{slot | fault: fault}, request, timeout_ms, now_ns)
+    {kind, fault} = Fault.next(slot.fault)
+    attempt_with(kind, %{slot | fault: fault}, request, timeout_ms, now_ns)
   end
 
   @doc """
-  The pulses of the device's interrupt pin, see `c:BB.Bus.Sim.Device.pulses/3`; none when its
-  model cannot say.
+  Returns the pulses of the device's interrupt pin (`c:BB.Bus.Sim.Device.pulses/3`), or `nil` when its
+  model makes none.
   """
   @spec pulses(t(), integer(), integer()) :: map() | nil
   def pulses(%{plugged?: true, broken?: false} = slot, from_ns, to_ns) do
@@ -105,46 +118,48 @@ defmodule BB.Bus.Sim.Slot do
 
   def pulses(_slot, _from_ns, _to_ns), do: nil
 
-  defp suffer({:slow, ms}, slot, request, timeout_ms, now_ns) when ms < timeout_ms do
-    {answer, slot} = perform(slot, request, now_ns)
+  # With the fault of this attempt, nil for none.
+
+  defp attempt_with(nil, slot, request, _timeout_ms, now_ns) do
+    {answer, slot} = call_model(slot, request, now_ns)
+    {answer, 0, slot}
+  end
+
+  defp attempt_with({:slow, ms}, slot, request, timeout_ms, now_ns) when ms < timeout_ms do
+    {answer, slot} = call_model(slot, request, now_ns)
     {answer, ms, slot}
   end
 
-  defp suffer(wrong, slot, _request, timeout_ms, _now_ns)
-       when wrong == :timeout or elem(wrong, 0) == :slow,
+  defp attempt_with(kind, slot, _request, timeout_ms, _now_ns)
+       when kind == :timeout or elem(kind, 0) == :slow,
        do: {{:error, :timeout}, timeout_ms, slot}
 
-  defp suffer({:twin, _device}, slot, request, _timeout_ms, now_ns) do
-    {one, slot} = perform(slot, request, now_ns)
-    {other, twin} = perform(slot.twin, request, now_ns)
+  defp attempt_with({:twin, _device}, slot, request, _timeout_ms, now_ns) do
+    {one, slot} = call_model(slot, request, now_ns)
+    {other, twin} = call_model(slot.twin, request, now_ns)
     {wired_and(one, other), 0, %{slot | twin: twin}}
   end
 
-  defp suffer({:bit_errors, probability, _seed}, slot, request, timeout_ms, now_ns),
-    do: suffer({:bit_errors, probability}, slot, request, timeout_ms, now_ns)
+  defp attempt_with({:bit_errors, probability, _seed}, slot, request, timeout_ms, now_ns),
+    do: attempt_with({:bit_errors, probability}, slot, request, timeout_ms, now_ns)
 
-  defp suffer({:bit_errors, probability}, slot, {data, count}, _timeout_ms, now_ns) do
+  defp attempt_with({:bit_errors, probability}, slot, {data, count}, _timeout_ms, now_ns) do
     {data, dice} = corrupt(data, probability, slot.dice)
-    {answer, slot} = perform(slot, {data, count}, now_ns)
+    {answer, slot} = call_model(slot, {data, count}, now_ns)
     {answer, dice} = corrupt(answer, probability, dice)
     {answer, 0, %{slot | dice: dice}}
   end
 
-  defp suffer(nil, slot, request, _timeout_ms, now_ns) do
-    {answer, slot} = perform(slot, request, now_ns)
-    {answer, 0, slot}
-  end
-
-  defp suffer(failure, slot, _request, _timeout_ms, _now_ns),
+  defp attempt_with(failure, slot, _request, _timeout_ms, _now_ns),
     do: {{:error, Fault.error(failure)}, 0, slot}
 
-  # Both drive one line that either can pull low: an acknowledgement is low, and so is a 0.
+  # Either device can pull the line low: an acknowledgement is low, and so is a 0.
   defp wired_and({:error, _}, other), do: other
   defp wired_and(one, {:error, _}), do: one
-  defp wired_and({:ok, one}, {:ok, other}), do: {:ok, both(one, other)}
+  defp wired_and({:ok, one}, {:ok, other}), do: {:ok, bitwise_and(one, other)}
   defp wired_and(:ok, :ok), do: :ok
 
-  defp both(one, other) do
+  defp bitwise_and(one, other) do
     size = byte_size(one)
     both = Bitwise.band(:binary.decode_unsigned(one), :binary.decode_unsigned(other))
     <<both::size(size)-unit(8)>>
@@ -160,15 +175,15 @@ defmodule BB.Bus.Sim.Slot do
 
   defp corrupt(without_bytes, _probability, dice), do: {without_bytes, dice}
 
-  defp perform(%{broken?: true} = slot, _request, _now_ns), do: {{:error, :i2c_nak}, slot}
+  defp call_model(%{broken?: true} = slot, _request, _now_ns), do: {{:error, :i2c_nak}, slot}
 
-  defp perform(slot, request, now_ns) do
+  defp call_model(slot, request, now_ns) do
     case exchange(slot, request, now_ns) do
       {:nak, state} -> {{:error, :i2c_nak}, %{slot | state: state}}
       {answer, state} -> {answer, %{slot | state: state, transfers: slot.transfers + 1}}
     end
   catch
-    kind, reason -> broke(slot, kind, reason, __STACKTRACE__)
+    kind, reason -> mark_broken(slot, kind, reason, __STACKTRACE__)
   end
 
   defp exchange(slot, {data, nil}, now_ns), do: write(slot, data, now_ns)
@@ -177,7 +192,7 @@ defmodule BB.Bus.Sim.Slot do
     with {:ok, state} <- write(slot, data, now_ns), do: read(slot.module, count, now_ns, state)
   end
 
-  # Without bytes a transfer is its address alone, which the device acknowledges without more.
+  # A transfer without bytes is only the address, which the device acknowledges.
   defp write(slot, data, _now_ns) when data in [nil, <<>>], do: {:ok, slot.state}
 
   defp write(slot, data, now_ns) do
@@ -199,9 +214,9 @@ defmodule BB.Bus.Sim.Slot do
     end
   end
 
-  defp broke(slot, kind, reason, stacktrace) do
+  defp mark_broken(slot, kind, reason, stacktrace) do
     Logger.error(
-      "the simulated device #{inspect(slot.module)} is broken until it is plugged in again: " <>
+      "simulated device #{inspect(slot.module)} is broken until it is plugged in again: " <>
         Exception.format(kind, reason, stacktrace)
     )
 
