@@ -240,7 +240,7 @@ defmodule Ganglion.DemoTest do
 
       assert status == 1
       assert [sentence] = for("demo: " <> sentence <- String.split(text, "\n"), do: sentence)
-      assert sentence =~ "there is no bus /dev/i2c-of-nobody: enable it"
+      assert sentence =~ "no bus /dev/i2c-of-nobody: enable it"
     end
   end
 end

@@ -1,23 +1,29 @@
 defmodule BB.Bus.GPIO do
   @moduledoc """
-  Which module stands for GPIO here.
+  Chooses the module that drivers call for GPIO.
 
-  It is `Circuits.GPIO` where that library is there, as on a board, else the simulation,
-  `BB.Bus.Sim.GPIO`, which has the same functions, results, messages and error atoms;
-  `config :ganglion, gpio: …` names another. That set of functions is the interface: a driver takes the module from here and calls it.
+  Drivers take their module from here and call it. `BB.Bus.GPIO.Line` does so for most of them.
 
       gpio = BB.Bus.GPIO.module(opts[:gpio])
       {:ok, line} = gpio.open({"gpiochip0", 17}, :input, pull_mode: :pullup, on_busy: :take_over)
       :ok = gpio.set_interrupts(line, :both)
-      receive do: ({:circuits_gpio, {"gpiochip0", 17}, timestamp_ns, level} -> {timestamp_ns, level})
+      receive do
+        {:circuits_gpio, {"gpiochip0", 17}, timestamp_ns, level} -> {timestamp_ns, level}
+      end
 
-  A line is one process's at a time, and a handle whose process has died may live for a moment: open with `on_busy: :take_over`,
-  and keep the handle, since its messages end with it. Timestamps are the kernel's and comparable only with one another.
+  The module is `Circuits.GPIO` where that library is loaded, as on a board, otherwise the
+  simulation, `BB.Bus.Sim.GPIO`. `config :ganglion, gpio: …` names another one, such as
+  `BB.Bus.Linux.GPIO`. All of them have the functions, results, messages and error atoms of
+  `Circuits.GPIO`, which are the interface.
+
+  One process has a line at a time, and the handle of a process that died can live for a moment.
+  So open with `on_busy: :take_over`. Keep the handle, because its messages end with it.
+  Timestamps are those of the kernel. Compare them only with one another.
   """
 
   @doc """
-  The module that was `given`, or else that of `config :ganglion, :gpio`; without it `Circuits.GPIO`
-  where it can be loaded, or else `BB.Bus.Sim.GPIO`.
+  Returns the module `given`, otherwise the one of `config :ganglion, :gpio`, otherwise
+  `Circuits.GPIO` where it can be loaded, otherwise `BB.Bus.Sim.GPIO`.
   """
   @spec module(module() | nil) :: module()
   def module(nil), do: Application.get_env(:ganglion, :gpio) || default()

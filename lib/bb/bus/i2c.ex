@@ -9,26 +9,26 @@ defmodule BB.Bus.I2C do
       {:ok, bus} = i2c.open("i2c-1", timeout: 20)
       {:ok, <<0x68>>} = i2c.write_read(bus, 0x68, <<0x75>>, 1)
 
-  The backend is the module that talks to the wires: `Circuits.I2C` where that library is loaded, as
-  on a board, otherwise the simulation, `BB.Bus.Sim.I2C`. `config :ganglion, i2c: …` names another
-  one.
+  The backend is the module that talks to the wires: `Circuits.I2C` where that library is loaded,
+  as on a board, otherwise the simulation, `BB.Bus.Sim.I2C`. `config :ganglion, i2c: …` names
+  another one.
 
   Each bus has one process, which makes all transfers. It starts with the first `open/2` and ends
   when the last handle is closed. A handle is also closed when the process that opened it ends.
 
   ## Sharing
 
-  - Transfers run in the order of the calls, one at a time. A sensor waits for at most one transfer of
-    each other sensor.
-  - The backend is opened once, with the smallest timeout of all handles, between 20 and 50 ms. So no
-    transfer holds the bus or a scheduler thread for longer.
-  - A stuck bus (`BB.Bus.I2C.Recovery` defines it) is closed and reopened once for all its sensors,
-    after 10 ms, and from then on up to every 100 ms until a device answers. While it is down, calls
-    fail at once.
+  - Transfers run in the order of the calls, one at a time. A sensor waits for at most one
+    transfer of each other sensor.
+  - The backend is opened once, with the smallest timeout of all handles, between 20 and 50 ms. So
+    no transfer holds the bus or a scheduler thread for longer.
+  - A stuck bus (`BB.Bus.I2C.Recovery` defines it) is closed and reopened once for all its
+    sensors, after 10 ms, and from then on up to every 100 ms until a device answers. While it is
+    down, calls fail at once.
   - A device that always times out delays the others by its timeout. The bus stays open.
 
-  After the application has ended, buses can still be opened and used, without sharing. A `disarm/1`
-  that runs at that moment still makes the hardware safe.
+  After the application has ended, buses can still be opened and used, without sharing. A
+  `disarm/1` that runs at that moment still makes the hardware safe.
 
   ## Errors
 
@@ -110,13 +110,13 @@ defmodule BB.Bus.I2C do
 
   ## Options
 
-  - `:timeout`: how long a device may hold the bus, in milliseconds. It is brought into 20..50; the
-    bus has the smallest timeout of all its handles. The default, below 0, is 50;
+  - `:timeout`: how long a device may hold the bus, in milliseconds. It is brought into 20..50;
+    the bus has the smallest timeout of all its handles. The default, below 0, is 50;
   - `:retries`: how often a failed transfer of this handle is tried again, each time behind the
     transfers that wait; default 0;
   - `:backend`: a module in the place of `backend/0`;
-  - `:clock`: the `t:BB.Clock.t/0` that measures the delays of a bus that is down; default `:real`.
-    The clock of the first handle counts.
+  - `:clock`: the `t:BB.Clock.t/0` that measures the delays of a bus that is down; default
+    `:real`. The clock of the first handle counts.
 
   Other options are ignored.
   """
@@ -190,8 +190,8 @@ defmodule BB.Bus.I2C do
   Each has
 
   - `:bus`, its name, and `:backend`;
-  - `:state`: `:up`, `:down` (closed for a moment; calls fail at once) or `:trying` (reopened, and no
-    device has answered yet);
+  - `:state`: `:up`, `:down` (closed for a moment; calls fail at once) or `:trying` (reopened, and
+    no device has answered yet);
   - `:error`: the error that closed it, `nil` while it is up;
   - `:reopened`: how often it was reopened since its process started;
   - `:handles`: how many handles are open.

@@ -8,15 +8,15 @@ defmodule BB.Sensor.EmergencyStop do
               type: {:in, [:low, :high]},
               default: :low,
               doc:
-                "The level while the contact is closed: `:low` for a contact to ground, `:high` " <>
-                  "for one to the supply. The pin's own resistor pulls the other way."
+                "The level while the contact is closed: `:low` for a contact to ground, " <>
+                  "`:high` for one to the supply. The pin's own resistor pulls the other way."
             ],
             release: [
               type: BB.Unit.option(:second, 0, 10),
               default: 0.1,
               doc:
-                "How long the contact has to be closed without a break before arming is allowed " <>
-                  "again: seconds or a unit of time."
+                "How long the contact has to be closed without a break before arming is " <>
+                  "allowed again: seconds or a unit of time."
             ]
           ] ++ Line.options() ++ Polled.options(rate: {10, 200}, default: 50)
 
@@ -38,9 +38,9 @@ defmodule BB.Sensor.EmergencyStop do
 
   Use a contact that is **normally closed**, between line and ground (or supply, with
   `closed: :high`). A broken wire, an unplugged connector and a pressed button then have the same
-  effect: the circuit is open, the pin's resistor pulls the line, and the robot is disarmed. One line
-  cannot detect a short circuit beside the button, which looks like a closed contact. Press the
-  button before each day's work to test it.
+  effect: the circuit is open, the pin's resistor pulls the line, and the robot is disarmed. One
+  line cannot detect a short circuit beside the button, which looks like a closed contact. Press
+  the button before each day's work to test it.
 
   An emergency stop that people rely on cuts the actuators' power by a circuit, without software.
   This sensor reads its second contact.
@@ -50,23 +50,23 @@ defmodule BB.Sensor.EmergencyStop do
   - **Arming is forbidden from before the robot's start** (`c:BB.Sensor.inhibition/0`) until the
     sensor has read a closed contact.
   - At any edge of the line it first forbids arming (`BB.Safety.inhibit/3`, with the reason
-    `:pressed`) and then disarms the robot. It does not debounce: a contact that breaks for a moment
-    was open. If an interrupt is lost, the next reading finds the open contact.
+    `:pressed`) and then disarms the robot. It does not debounce: a contact that breaks for a
+    moment was open. If an interrupt is lost, the next reading finds the open contact.
   - When the contact was closed for the release time, arming is allowed again. The robot stays
     disarmed until something arms it.
-  - It vouches for its release (`BB.Safety.vouch/2`). When its process ends, for whatever reason, an
-    armed robot is disarmed, and arming is forbidden (`:unattended`) until the next process has read a
-    closed contact. A crash therefore leaves no gap, and neither does a new value of a parameter that
-    an option refers to: the robot is disarmed and the line is opened again.
+  - It vouches for its release (`BB.Safety.vouch/2`). When its process ends, for whatever reason,
+    an armed robot is disarmed, and arming is forbidden (`:unattended`) until the next process has
+    read a closed contact. A crash therefore leaves no gap, and neither does a new value of a
+    parameter that an option refers to: the robot is disarmed and the line is opened again.
 
   The `disarm/1` of an actuator takes time. The robot, however, is no longer armed at once, and
   actuators take no commands from then on.
 
   ## Faults
 
-  A line that cannot be read counts as open: the first reading that fails disarms the robot. With the
-  third failure the sensor stops, with a `t:BB.Bus.GPIO.Line.reason/0`. A line that does not come to
-  rest stops it with `:noise`.
+  A line that cannot be read counts as open: the first reading that fails disarms the robot. With
+  the third failure the sensor stops, with a `t:BB.Bus.GPIO.Line.reason/0`. A line that does not
+  come to rest stops it with `:noise`.
   """
 
   use BB.Sensor.Polled, options_schema: @schema
@@ -140,15 +140,18 @@ defmodule BB.Sensor.EmergencyStop do
     do: BB.Sensor.publish(sensor.bb, Message.new!(Contact, sensor.frame_id, pressed: pressed?))
 
   @impl BB.Sensor
-  def handle_info({:circuits_gpio, spec, _time_ns, _level}, %{device: %{line: %{spec: spec}}} = s) do
-    {action, halt} = Halt.edge(s.device.halt)
-    _ = run_action(action, s.device)
-    s = %{s | device: %{s.device | halt: halt}}
+  def handle_info(
+        {:circuits_gpio, spec, _time_ns, _level},
+        %{device: %{line: %{spec: spec}} = stop} = sensor
+      ) do
+    {action, halt} = Halt.edge(stop.halt)
+    _ = run_action(action, stop)
+    sensor = %{sensor | device: %{stop | halt: halt}}
 
     case action do
-      :halt -> noreply(publish(true, s), s)
-      :wait -> {:noreply, s}
-      :noise -> {:stop, {:shutdown, {:noise, spec}}, s}
+      :halt -> noreply(publish(true, sensor), sensor)
+      :wait -> {:noreply, sensor}
+      :noise -> {:stop, {:shutdown, {:noise, spec}}, sensor}
     end
   end
 
@@ -173,7 +176,8 @@ defmodule BB.Sensor.EmergencyStop do
   defp run_action(action, _stop) when action in [:none, :noise], do: :ok
 
   # Disarming waits for the actuators, so it runs in a process of its own, not linked, which
-  # continues when the sensor ends. It runs in every state of the robot, which may be about to change.
+  # continues when the sensor ends. It runs in every state of the robot, which may be about to
+  # change.
   defp halt_robot(%{robot: robot, path: path}, reason) do
     :ok = Safety.inhibit(robot, path, reason)
     _ = :erlang.spawn_opt(fn -> Safety.disarm(robot) end, priority: :high)

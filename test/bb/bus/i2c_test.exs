@@ -7,7 +7,7 @@ defmodule BB.Bus.I2CTest do
 
   doctest BB.Bus.I2C
 
-  # A backend that tells the test of each opening and closing, and of each transfer when it begins. The bus's name says whom to tell.
+  # A backend that sends each opening, each closing and each read to the test of its bus.
   defmodule Watched do
     def open(name, opts) do
       tell(name, {:opened, opts})
@@ -34,7 +34,7 @@ defmodule BB.Bus.I2CTest do
     defp tell(name, what), do: send(:persistent_term.get({__MODULE__, name}), {:backend, what})
   end
 
-  # Remembers the byte that was written last.
+  # Keeps the byte that was written last.
   defmodule Cell do
     @behaviour Sim.Device
 
@@ -67,7 +67,7 @@ defmodule BB.Bus.I2CTest do
     bus
   end
 
-  # A clock of the test's own, so that a bus that is down stays down until the test lets time pass.
+  # A stepped clock, so that a bus that is down stays down until the test advances the time.
   defp stepped(%{name: name}) do
     robot = Module.concat(__MODULE__, name)
     start_supervised!({BB.Clock.Stepped, robot: robot}, id: robot)
@@ -101,7 +101,7 @@ defmodule BB.Bus.I2CTest do
       assert I2C.module(Some.Bus) == Some.Bus
     end
 
-    test "without one is the shared bus before the configured backend: on the host the simulated one" do
+    test "without an option is the shared bus, on the host with the simulated backend" do
       assert I2C.module(nil) == I2C
       assert I2C.backend() == Sim.I2C
     end
@@ -203,7 +203,7 @@ defmodule BB.Bus.I2CTest do
       assert {:ok, _bus} = I2C.open(name, backend: Watched)
     end
 
-    test "opens with the smallest timeout that was asked for, within 20 to 50 ms", %{name: name} do
+    test "opens with the smallest timeout of its handles, within 20 to 50 ms", %{name: name} do
       open!(name)
       assert [{:opened, timeout: 50}] = told()
       open!(name, timeout: 1000)

@@ -1,6 +1,7 @@
 defmodule BB.Bus.LinuxTest do
   use ExUnit.Case, async: true
 
+  doctest BB.Bus.Linux
   doctest BB.Bus.Linux.Error
   doctest BB.Bus.Linux.GPIO
   doctest BB.Bus.Linux.Rights

@@ -55,7 +55,7 @@ defmodule BB.Component.HealthTest do
       assert %{declared_hz: 50, rate_hz: nil, age_ns: nil, error: error} = health(robot, :imu)
 
       assert error ==
-               "there is no bus i2c-of-no-robot: check its name, and that it is enabled"
+               "no bus i2c-of-no-robot: check its name, and that it is enabled"
 
       :ok = BB.Parameter.set(robot, [:rate], 20)
       assert health(robot, :imu).declared_hz == 20

@@ -1,11 +1,14 @@
 defmodule BB.Bus.GPIO.Line do
   @moduledoc """
-  A line, or a group of lines, as its driver sees it.
+  A GPIO line, or a group of lines, for the driver that uses it.
 
-      {:ok, line} = BB.Bus.GPIO.Line.open(opts[:gpio], {"gpiochip0", 17}, :input, pull_mode: :pullup)
-      {:ok, level} = BB.Bus.GPIO.Line.read(line)
+  Use it in a driver: it turns the errors and exceptions of the GPIO module into reasons that name
+  the line. Drivers return them, and `explain/1` formats them as sentences.
 
-  It turns what the bus says, or raises, into reasons that name the line, which drivers hand on and `explain/1` puts in words.
+      alias BB.Bus.GPIO.Line
+
+      {:ok, line} = Line.open(opts[:gpio], {"gpiochip0", 17}, :input, pull_mode: :pullup)
+      {:ok, level} = Line.read(line)
   """
 
   alias BB.Bus.GPIO
@@ -13,20 +16,24 @@ defmodule BB.Bus.GPIO.Line do
   @enforce_keys [:gpio, :handle, :spec]
   defstruct [:gpio, :handle, :spec]
 
+  @typedoc "An open line or group, with the GPIO module that opened it."
   @type t :: %__MODULE__{gpio: module(), handle: term(), spec: spec() | [spec()]}
 
-  @typedoc "A chip and a line, a label, a chip and a label, or an index over all lines; the first is the clearest."
+  @typedoc """
+  A chip and a line, a label, a chip and a label, or an index over all lines. The first is the
+  clearest.
+  """
   @type spec :: {String.t(), non_neg_integer() | String.t()} | String.t() | non_neg_integer()
 
   @typedoc """
   Why a line does not work:
 
-  - `:line_not_found`: there is no such line;
-  - `:no_rights`: its chip may not be opened;
-  - `:line_busy`: another program has it;
-  - `:line_lost`: it was taken over, or its chip has gone;
+  - `:line_not_found`: no such line;
+  - `:no_rights`: no rights on its chip;
+  - `:line_busy`: another program has it open;
+  - `:line_lost`: it was taken over, or its chip is gone;
   - `:noise`: its level changes all the time;
-  - `:line`: another error, as the bus's module gave it.
+  - `:line`: another error of the GPIO module.
   """
   @type reason ::
           {:line_not_found, spec() | [spec()]}
@@ -36,23 +43,23 @@ defmodule BB.Bus.GPIO.Line do
           | {:noise, spec() | [spec()]}
           | {:line, spec() | [spec()], error :: term()}
 
-  # More edges in this time are no contact that bounces.
+  # A bouncing contact makes fewer edges in this time.
   @quiet_ms 20
   @most_edges 10
 
-  @doc "The option `:gpio` of every driver on lines, for its schema."
+  @doc "Returns the option `:gpio`, which every driver on lines has, for its schema."
   @spec options() :: keyword()
   def options do
     [
       gpio: [
         type: {:or, [:module, nil]},
         default: nil,
-        doc: "The bus's module; when `nil`, that of `BB.Bus.GPIO.module/1`."
+        doc: "The GPIO module; when `nil`, the one of `BB.Bus.GPIO.module/1`."
       ]
     ]
   end
 
-  @doc "An option that is a line, for a driver's schema."
+  @doc "Returns an option for a line, for a driver's schema."
   @spec option(String.t()) :: keyword()
   def option(doc) do
     [
@@ -77,11 +84,16 @@ defmodule BB.Bus.GPIO.Line do
 
       other ->
         {:error,
-         "expected a line, as {\"gpiochip0\", 17}, \"GPIO17\" or {\"gpiochip0\", \"GPIO17\"}, got: #{inspect(other)}"}
+         "expected a line, such as {\"gpiochip0\", 17}, \"GPIO17\" or " <>
+           "{\"gpiochip0\", \"GPIO17\"}, got: #{inspect(other)}"}
     end
   end
 
-  @doc "Opens a line, or a list of them as a group, also where a process that has died had it; options as in `BB.Bus.GPIO`."
+  @doc """
+  Opens a line, or a list of lines as a group, with the options of `BB.Bus.GPIO`.
+
+  It closes the handle that a process which died has left behind.
+  """
   @spec open(module() | nil, spec() | [spec()], :input | :output, keyword()) ::
           {:ok, t()} | {:error, reason()}
   def open(gpio, spec, direction, opts) do
@@ -93,50 +105,65 @@ defmodule BB.Bus.GPIO.Line do
     end
   end
 
-  @doc "Gives it back. Edges that were told are still in the mailbox, and are taken out."
+  @doc "Closes the line, and removes its edges from the mailbox."
   @spec close(t()) :: :ok
   def close(line) do
     :ok = line.gpio.close(line.handle)
-    forget(line)
+    flush_edges(line)
   end
 
-  @doc "Its level; of a group a bit each, the first line's lowest."
+  @doc "Reads the level. A group has one bit for each line, with the first line lowest."
   @spec read(t()) :: {:ok, non_neg_integer()} | {:error, reason()}
-  def read(line), do: raised(line, fn -> {:ok, line.gpio.read(line.handle)} end)
+  def read(line), do: rescue_error(line, fn -> {:ok, line.gpio.read(line.handle)} end)
 
   @doc "Sets the level of an output."
   @spec write(t(), 0 | 1) :: :ok | {:error, reason()}
-  def write(line, level), do: raised(line, fn -> line.gpio.write(line.handle, level) end)
+  def write(line, level), do: rescue_error(line, fn -> line.gpio.write(line.handle, level) end)
 
-  @doc "Has the calling process told of edges, `{:circuits_gpio, spec, timestamp_ns, level}`, or (`:none`) no more; those that were told are forgotten."
+  @doc """
+  Sends the edges to the calling process, or ends them with `:none`.
+
+  The messages are `{:circuits_gpio, spec, timestamp_ns, level}`. Earlier ones are removed from
+  the mailbox.
+  """
   @spec listen(t(), :both | :rising | :falling | :none) :: :ok | {:error, reason()}
   def listen(line, trigger) do
-    with :ok <- line |> told(line.gpio.set_interrupts(line.handle, trigger)), do: forget(line)
-  end
-
-  @doc "Has the calling process told of edges of a group: `{:circuits_gpio, %{ref: tag, timestamp: ns, value: v, previous_value: v}}`."
-  @spec subscribe(t(), tag :: term()) :: :ok | {:error, reason()}
-  def subscribe(line, tag) do
-    with {:ok, ^tag} <- told(line, line.gpio.subscribe(line.handle, tag: tag)), do: :ok
+    with :ok <- put_reason(line, line.gpio.set_interrupts(line.handle, trigger)),
+         do: flush_edges(line)
   end
 
   @doc """
-  Makes sure that nobody but who should is heard on an input: that there are not more than #{@most_edges} edges in #{@quiet_ms} ms.
+  Sends the edges of a group to the calling process.
 
-  It waits that long, and listens to `:both` edges from then on.
+  The messages are
+  `{:circuits_gpio, %{ref: tag, timestamp: ns, value: value, previous_value: value}}`.
+  """
+  @spec subscribe(t(), tag :: term()) :: :ok | {:error, reason()}
+  def subscribe(line, tag) do
+    with {:ok, ^tag} <- put_reason(line, line.gpio.subscribe(line.handle, tag: tag)), do: :ok
+  end
+
+  @doc """
+  Checks that an input is quiet: that it has at most #{@most_edges} edges in #{@quiet_ms} ms.
+
+  It waits for that time. From then on the calling process gets `:both` edges.
   """
   @spec check_quiet(t()) :: :ok | {:error, reason()}
   def check_quiet(line) do
     with :ok <- listen(line, :both) do
       Process.sleep(@quiet_ms)
-      with {:ok, _level} <- read(line), do: judge(line, edges(line.spec, 0))
+      with {:ok, _level} <- read(line), do: check_edges(line, take_edges(line.spec, 0))
     end
   end
 
-  defp judge(line, edges) when edges > @most_edges, do: {:error, {:noise, line.spec}}
-  defp judge(_line, _edges), do: :ok
+  defp check_edges(line, edges) when edges > @most_edges, do: {:error, {:noise, line.spec}}
+  defp check_edges(_line, _edges), do: :ok
 
-  @doc "Opens one with `open`, and does `prepare` with it: what that returns. When it is an error, the line is given back."
+  @doc """
+  Opens a line with `open` and returns the result of `prepare` for it.
+
+  It closes the line again when that is an error.
+  """
   @spec open_with(
           (() -> {:ok, t()} | {:error, reason()}),
           (t() -> {:ok, ready} | {:error, term()})
@@ -151,7 +178,7 @@ defmodule BB.Bus.GPIO.Line do
   end
 
   @doc """
-  A reason in a sentence that says what to look at.
+  Formats a reason as a sentence that says what to check.
 
       iex> BB.Bus.GPIO.Line.explain({:line_busy, {"gpiochip0", 17}})
       "line 17 of gpiochip0 is in use: find the other program or device tree entry that has it"
@@ -160,7 +187,7 @@ defmodule BB.Bus.GPIO.Line do
   """
   @spec explain(reason()) :: String.t()
   def explain({:line_not_found, spec}),
-    do: "there is no #{name(spec)}: check its name, and that its chip is enabled"
+    do: "no #{name(spec)}: check its name, and that its chip is enabled"
 
   def explain({:no_rights, spec}),
     do: "#{name(spec)}: " <> BB.Bus.Linux.Rights.explain(chip(spec))
@@ -178,7 +205,7 @@ defmodule BB.Bus.GPIO.Line do
     do: "#{name(spec)} fails with #{inspect(error)}: look at the kernel's log"
 
   @doc """
-  A line's name in a sentence.
+  Returns the name of a line or a group, for a sentence.
 
       iex> BB.Bus.GPIO.Line.name([{"gpiochip0", 5}, {"gpiochip0", "ENC_B"}])
       "line 5 of gpiochip0 and line ENC_B of gpiochip0"
@@ -188,22 +215,22 @@ defmodule BB.Bus.GPIO.Line do
   def name({chip, at}), do: "line #{at} of #{chip}"
   def name(at), do: "line #{at}"
 
-  # All chips of a machine belong to one group.
+  # All chips of a machine belong to one group of users, so any chip will do for a label.
   defp chip([spec | _]), do: chip(spec)
   defp chip({"gpiochip" <> _ = chip, _at}), do: BB.Bus.Linux.path(chip)
 
   defp chip(_spec),
     do: BB.Bus.Linux.path(List.first(BB.Bus.Linux.devices("gpiochip")) || "gpiochip0")
 
-  # Those who read and write are told by exceptions.
-  defp raised(line, fun) do
+  # read/1 and write/2 of the GPIO module raise their errors.
+  defp rescue_error(line, fun) do
     fun.()
   rescue
     error in ErlangError -> {:error, reason(error.original, line.spec)}
   end
 
-  defp told(line, {:error, error}), do: {:error, reason(error, line.spec)}
-  defp told(_line, result), do: result
+  defp put_reason(line, {:error, error}), do: {:error, reason(error, line.spec)}
+  defp put_reason(_line, result), do: result
 
   defp reason(error, spec) when error in [:not_found, :einval], do: {:line_not_found, spec}
   defp reason(:eacces, spec), do: {:no_rights, spec}
@@ -211,14 +238,14 @@ defmodule BB.Bus.GPIO.Line do
   defp reason(error, spec) when error in [:ebadf, :enodev], do: {:line_lost, spec}
   defp reason(error, spec), do: {:line, spec, error}
 
-  defp forget(%{spec: spec}) do
-    _ = edges(spec, 0)
+  defp flush_edges(%{spec: spec}) do
+    _ = take_edges(spec, 0)
     :ok
   end
 
-  defp edges(spec, count) do
+  defp take_edges(spec, count) do
     receive do
-      {:circuits_gpio, ^spec, _time_ns, _level} -> edges(spec, count + 1)
+      {:circuits_gpio, ^spec, _time_ns, _level} -> take_edges(spec, count + 1)
     after
       0 -> count
     end

@@ -2,9 +2,9 @@ defmodule BB.Bus.I2C.Client do
   @moduledoc """
   Calls the process of a bus, and starts it where it does not run.
 
-  `BB.Bus.I2C` uses it. After the application has ended, however it did, each handle gets a process
-  of its own, so that a `disarm/1` can still make hardware safe. `BB.Bus.I2C.health/0` does not list
-  such a process.
+  `BB.Bus.I2C` uses it. After the application has ended, however it did, each handle gets a
+  process of its own, so that a `disarm/1` can still make hardware safe. `BB.Bus.I2C.health/0`
+  does not list such a process.
   """
   @moduledoc no_example: "internal: BB.Bus.I2C is its interface"
 

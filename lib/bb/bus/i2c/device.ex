@@ -1,6 +1,10 @@
 defmodule BB.Bus.I2C.Device do
   @moduledoc """
-  A chip at its address on an I2C bus, as its driver sees it.
+  A chip at its address on an I2C bus, for the driver that uses it.
+
+  Use it in a driver for a chip whose registers have an address of one byte. It turns the errors
+  of the bus into reasons that name the place. Drivers return them, and `explain/1` formats them
+  as sentences.
 
       BB.Bus.I2C.Device.open(opts, fn device ->
         with :ok <- BB.Bus.I2C.Device.identify(device, 0x75, 0x68),
@@ -8,10 +12,8 @@ defmodule BB.Bus.I2C.Device do
              do: {:ok, device}
       end)
 
-  It turns what the bus says into reasons that name the place, which drivers hand on and `explain/1` puts in words. The options of
-  `open/1` are those of `options/1`, so that every driver has the same ones.
-
-  Registers have an address of one byte. The chip's side of a transfer is `BB.Bus.Sim.Device`, when it is simulated.
+  `options/1` has the options of `open/1` for a driver's schema, so that every driver has the same
+  ones. A simulated chip implements `BB.Bus.Sim.Device`.
   """
 
   @eacces 13
@@ -19,22 +21,23 @@ defmodule BB.Bus.I2C.Device do
   @enforce_keys [:i2c, :bus, :bus_name, :address]
   defstruct [:i2c, :bus, :bus_name, :address]
 
+  @typedoc "A device on an open bus, with the I2C module that opened it."
   @type t :: %__MODULE__{i2c: module(), bus: term(), bus_name: String.t(), address: address()}
 
   @typedoc "A 7-bit address."
   @type address :: 0..127
 
   @typedoc """
-  Why a device does not work; bus, then address:
+  Why a device does not work. The bus comes first, then the address.
 
-  - `:no_answer`: nobody acknowledges the address;
+  - `:no_answer`: no device acknowledges the address;
   - `:timeout`: a transfer held the bus for its whole timeout;
-  - `:bus_not_found`: there is no such bus;
-  - `:no_rights`: it may not be opened;
-  - `:wrong_chip`: what should identify it is `found` instead of `expected`;
+  - `:bus_not_found`: no such bus;
+  - `:no_rights`: no rights on the bus;
+  - `:wrong_chip`: the chip's identity is `found` instead of `expected`;
   - `:not_configured`: the chip did not keep its settings when they were written;
-  - `:restarted`: it was reset or lost its power while in use;
-  - `:bus`: another error of the bus, as the bus's module gave it.
+  - `:restarted`: the chip was reset or lost its power while in use;
+  - `:bus`: another error of the bus.
   """
   @type reason ::
           {:no_answer, String.t(), address()}
@@ -46,13 +49,16 @@ defmodule BB.Bus.I2C.Device do
           | {:restarted, String.t(), address()}
           | {:bus, String.t(), address(), error :: term()}
 
-  @typedoc "What a chip identifies itself by: a number of one byte, or the bytes themselves."
+  @typedoc "The identity of a chip: a number of one byte, or the bytes themselves."
   @type identity :: byte() | binary()
 
   @doc """
-  The options of `open/1`, for a driver's schema: `:bus`, `:address`, `:timeout` and `:i2c`.
+  Returns the options of `open/1` for a driver's schema: `:bus`, `:address`, `:timeout` and
+  `:i2c`.
 
-  `address:` lists the addresses that the chip may have, `default:` is that of who gives none, `doc:` says how the chip gets another.
+  - `:address`: the addresses that the chip can have;
+  - `:default`: the default address;
+  - `:doc`: how the chip gets another address.
   """
   @spec options(address: Enumerable.t(), default: address(), doc: String.t()) :: keyword()
   def options(opts) do
@@ -63,17 +69,18 @@ defmodule BB.Bus.I2C.Device do
         type: :pos_integer,
         default: 20,
         doc:
-          "How long a transfer may hold the bus, in milliseconds; the kernel counts in steps of 10."
+          "How long a transfer may hold the bus, in milliseconds. The kernel counts in steps " <>
+            "of 10."
       ],
       i2c: [
         type: {:or, [:module, nil]},
         default: nil,
-        doc: "The bus's module; when `nil`, that of `BB.Bus.I2C.module/1`."
+        doc: "The I2C module; when `nil`, the one of `BB.Bus.I2C.module/1`."
       ]
     ]
   end
 
-  @doc "Opens the bus. Nothing is asked of the chip yet."
+  @doc "Opens the bus, without a transfer."
   @spec open(keyword()) :: {:ok, t()} | {:error, reason()}
   def open(opts) do
     i2c = BB.Bus.I2C.module(opts[:i2c])
@@ -86,26 +93,26 @@ defmodule BB.Bus.I2C.Device do
     end
   end
 
-  @doc "Opens the bus and gets the chip ready: what `prepare` returns. When that is an error, the bus is given back."
+  @doc """
+  Opens the bus and returns the result of `prepare`, which sets the chip up.
+
+  It closes the bus again when that is an error.
+  """
   @spec open(keyword(), (t() -> {:ok, ready} | {:error, reason})) ::
           {:ok, ready} | {:error, reason() | reason}
         when ready: term(), reason: term()
   def open(opts, prepare) do
-    with {:ok, device} <- open(opts), do: device |> prepare.() |> close_on_error(device)
+    with {:ok, device} <- open(opts), {:error, reason} <- prepare.(device) do
+      close(device)
+      {:error, reason}
+    end
   end
 
-  defp close_on_error({:ok, ready}, _device), do: {:ok, ready}
-
-  defp close_on_error({:error, reason}, device) do
-    close(device)
-    {:error, reason}
-  end
-
-  @doc "Gives the bus back."
+  @doc "Closes the bus."
   @spec close(t()) :: :ok
   def close(device), do: device.i2c.close(device.bus)
 
-  @doc "Reads `count` bytes from a register on, in one transfer."
+  @doc "Reads `count` bytes from `register` on, in one transfer."
   @spec read(t(), register :: byte(), count :: pos_integer()) ::
           {:ok, binary()} | {:error, reason()}
   def read(device, register, count) do
@@ -114,14 +121,14 @@ defmodule BB.Bus.I2C.Device do
          do: error(device, error)
   end
 
-  @doc "Writes bytes from a register on, in one transfer."
+  @doc "Writes bytes from `register` on, in one transfer."
   @spec write(t(), register :: byte(), iodata()) :: :ok | {:error, reason()}
   def write(device, register, bytes) do
     with {:error, error} <- device.i2c.write(device.bus, device.address, [register, bytes]),
          do: error(device, error)
   end
 
-  @doc "Makes sure that a register identifies the chip: that it has the bytes `expected`, a byte as a number."
+  @doc "Checks that a register has the identity `expected`."
   @spec identify(t(), register :: byte(), expected :: identity()) :: :ok | {:error, reason()}
   def identify(device, register, expected) when is_integer(expected) do
     case read(device, register, 1) do
@@ -139,7 +146,11 @@ defmodule BB.Bus.I2C.Device do
     end
   end
 
-  @doc "Makes sure that a register, and those behind it, have the bytes that were written to them; `otherwise` is the kind of the reason why not."
+  @doc """
+  Checks that `bytes` are in the registers from `register` on, to which they were written.
+
+  Other bytes are an error with the reason of the kind `otherwise`.
+  """
   @spec expect(t(), register :: byte(), binary(), otherwise :: atom()) ::
           :ok | {:error, reason()}
   def expect(device, register, bytes, otherwise) do
@@ -150,12 +161,12 @@ defmodule BB.Bus.I2C.Device do
     end
   end
 
-  @doc "Whether two are at the same address of the same bus."
+  @doc "Returns whether two devices are at the same address of the same bus."
   @spec same_place?(t(), t()) :: boolean()
   def same_place?(a, b), do: {a.bus_name, a.address} == {b.bus_name, b.address}
 
   @doc """
-  A reason of that kind at this device's place: one of `t:reason/0`, or of the driver's own.
+  Returns a reason of a kind for this device: one of `t:reason/0`, or one of the driver's own.
 
       iex> device = %BB.Bus.I2C.Device{i2c: nil, bus: nil, bus_name: "i2c-1", address: 0x36}
       iex> BB.Bus.I2C.Device.fault(device, :restarted)
@@ -166,12 +177,12 @@ defmodule BB.Bus.I2C.Device do
     do: List.to_tuple([kind, device.bus_name, device.address | details])
 
   @doc """
-  A reason in a sentence that says what to look at.
+  Formats a reason as a sentence that says what to check.
 
       iex> BB.Bus.I2C.Device.explain({:no_answer, "i2c-1", 0x68})
       "no answer at 0x68 on i2c-1: check wiring and power"
-      iex> BB.Bus.I2C.Device.explain({:wrong_chip, "i2c-1", 0x68, 0x70, 0x68})
-      "the chip at 0x68 on i2c-1 identifies itself as 0x70 instead of 0x68: check the part and the address"
+      iex> BB.Bus.I2C.Device.explain({:restarted, "i2c-1", 0x68})
+      "the chip at 0x68 on i2c-1 was reset or lost its power while in use: check its supply"
   """
   @spec explain(reason()) :: String.t()
   def explain({:no_answer, bus, address}),
@@ -179,34 +190,39 @@ defmodule BB.Bus.I2C.Device do
 
   def explain({:timeout, bus, address}),
     do:
-      "a transfer with #{place(bus, address)} did not end in time: check pull-ups, wiring and the other devices on the bus"
+      "a transfer with #{place(bus, address)} did not end in time: check pull-ups, wiring and " <>
+        "the other devices on the bus"
 
-  def explain({:bus_not_found, bus}),
-    do: "there is no bus #{bus}: check its name, and that it is enabled"
+  def explain({:bus_not_found, bus}), do: "no bus #{bus}: check its name, and that it is enabled"
 
   def explain({:no_rights, bus}), do: bus |> BB.Bus.Linux.path() |> BB.Bus.Linux.Rights.explain()
 
   def explain({:wrong_chip, bus, address, found, expected}),
     do:
-      "the chip at #{place(bus, address)} identifies itself as #{identity(found, expected)} " <>
-        "instead of #{identity(expected, expected)}: check the part and the address"
+      "the chip at #{place(bus, address)} identifies itself as " <>
+        "#{format_identity(found, expected)} instead of " <>
+        "#{format_identity(expected, expected)}: check the part and the address"
 
   def explain({:not_configured, bus, address}),
     do:
-      "the chip at #{place(bus, address)} did not keep its settings: check the part, its power, and for a second device at the address"
+      "the chip at #{place(bus, address)} did not keep its settings: check the part, its " <>
+        "power, and for a second device at the address"
 
   def explain({:restarted, bus, address}),
     do:
-      "the chip at #{place(bus, address)} was reset or lost its power while in use: check its supply"
+      "the chip at #{place(bus, address)} was reset or lost its power while in use: check its " <>
+        "supply"
 
   def explain({:bus, bus, address, error}),
-    do: "a transfer with #{place(bus, address)} failed: #{words(error)}; look at the kernel's log"
+    do:
+      "a transfer with #{place(bus, address)} failed: #{format_error(error)}; look at the " <>
+        "kernel's log"
 
-  defp words({:errno, errno}), do: BB.Errno.message(errno)
-  defp words(error), do: inspect(error)
+  defp format_error({:errno, errno}), do: BB.Errno.message(errno)
+  defp format_error(error), do: inspect(error)
 
   @doc """
-  A place in words, for the sentences of a driver's own reasons.
+  Returns the name of a place, for the sentences of a driver's own reasons.
 
       iex> BB.Bus.I2C.Device.place("i2c-1", 0x36)
       "0x36 on i2c-1"
@@ -214,10 +230,10 @@ defmodule BB.Bus.I2C.Device do
   @spec place(String.t(), address()) :: String.t()
   def place(bus, address), do: "0x#{Base.encode16(<<address>>)} on #{bus}"
 
-  # As the chip's datasheet writes it: in letters or in numbers.
-  defp identity(byte, _expected) when is_integer(byte), do: "0x#{Base.encode16(<<byte>>)}"
+  # In letters or in numbers, as the chip's datasheet writes it.
+  defp format_identity(byte, _expected) when is_integer(byte), do: "0x#{Base.encode16(<<byte>>)}"
 
-  defp identity(bytes, expected),
+  defp format_identity(bytes, expected),
     do: if(String.printable?(expected), do: inspect(bytes), else: "0x#{Base.encode16(bytes)}")
 
   defp error(device, error) when error in [:i2c_nak, :enxio],

@@ -24,7 +24,8 @@ defmodule BB.Bus.I2C.Recovery do
 
   ## When a bus is stuck
 
-  One device that holds the bus is a faulty device. A bus that times out at every address is stuck:
+  One device that holds the bus is a faulty device. A bus that times out at every address is
+  stuck:
 
   - transfers time out at two addresses, or #{@alone} times where only one address is in use,
   - and no device answers in between. A NAK is an answer, because it shows that the wires work.
@@ -33,12 +34,12 @@ defmodule BB.Bus.I2C.Recovery do
 
   ## How it is reopened
 
-  A stuck bus is closed, and opened again after #{@first_delay_ms} ms. The next transfers then test it.
-  The first answer makes the bus `:up`. Timeouts at two addresses, or one timeout where only one
-  address is in use, close it again. Each delay is twice as long as the one before, up to
+  A stuck bus is closed, and opened again after #{@first_delay_ms} ms. The next transfers then
+  test it. The first answer makes the bus `:up`. Timeouts at two addresses, or one timeout where
+  only one address is in use, close it again. Each delay is twice as long as the one before, up to
   #{@longest_delay_ms} ms. This limit is short because the restart delay of a component
-  (`BB.Component.Backoff`, at most 750 ms) adds to it: all sensors of a bus work within a second of
-  its recovery.
+  (`BB.Component.Backoff`, at most 750 ms) adds to it: all sensors of a bus work within a second
+  of its recovery.
 
   A bus whose adapter is gone (the kernel's EBADF and ENODEV) is `:down` at once. It is reopened
   after the same delays.

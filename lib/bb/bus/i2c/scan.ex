@@ -13,8 +13,8 @@ defmodule BB.Bus.I2C.Scan do
   defguard is_memory_chip(address) when address in 0x30..0x37 or address in 0x50..0x5F
 
   @doc """
-  Returns the addresses at which a device answers, on an open bus of the module `i2c` or on the bus
-  of a name.
+  Returns the addresses at which a device answers, on an open bus of the module `i2c` or on the
+  bus of a name.
   """
   @spec detect_devices(module(), struct() | String.t()) :: [0..127] | {:error, term()}
   def detect_devices(i2c, name) when is_binary(name) do

@@ -2,14 +2,15 @@ defmodule BB.Bus.I2C.Server do
   @moduledoc """
   The process of one bus.
 
-  `BB.Bus.I2C.Client` starts and calls it. It makes the transfers itself, so the order of its mailbox
-  is the order of the transfers. `BB.Bus.I2C.Recovery` decides when it closes and reopens the backend.
+  `BB.Bus.I2C.Client` starts and calls it. It makes the transfers itself, so the order of its
+  mailbox is the order of the transfers. `BB.Bus.I2C.Recovery` decides when it closes and reopens
+  the backend.
 
   Its row of `BB.Bus.I2C.health/0` is the value of its entry in the registry, so readers call no
   process.
 
-  It ends without handles. While the bus has trouble it waits five seconds first, so that sensors which
-  restart one after the other still count as sensors of one bus.
+  It ends without handles. While the bus has trouble it waits five seconds first, so that sensors
+  which restart one after the other still count as sensors of one bus.
   """
   @moduledoc no_example: "internal: BB.Bus.I2C is its interface"
 
@@ -242,8 +243,8 @@ defmodule BB.Bus.I2C.Server do
 
   defp log_down(recovery, state) do
     Logger.warning(
-      "bus #{state.name} closed: #{format_error(recovery.error)}; it is reopened until a device " <>
-        "answers"
+      "bus #{state.name} closed: #{format_error(recovery.error)}; it is reopened until a " <>
+        "device answers"
     )
   end
 

@@ -1,12 +1,17 @@
 defmodule BB.Bus.I2C.Supervisor do
   @moduledoc """
-  Where the processes of shared buses live. They are started when they are needed; one that dies
-  has taken its handles along, so it is not started again before somebody opens the bus.
+  Supervises the processes of shared buses, each of which starts with the first
+  `BB.Bus.I2C.open/2`.
 
       BB.Bus.I2C.Supervisor        rest_for_one
       ├── BB.Bus.I2C.Registry      finds them by backend and name
       └── BB.Bus.I2C.Servers       a BB.Bus.I2C.Server for each open bus
+
+  A process that dies is not restarted, because its handles are lost with it. The next `open/2`
+  starts a new one.
   """
+  @moduledoc no_example: "internal: BB.Bus.I2C is its interface"
+
   use Supervisor
 
   alias BB.Bus.I2C.Server
@@ -15,19 +20,21 @@ defmodule BB.Bus.I2C.Supervisor do
   @registry BB.Bus.I2C.Registry
   @servers BB.Bus.I2C.Servers
 
-  # However often they are killed, the buses of the others come back.
+  # Kills of these processes must not end the buses for good.
   @restarts [max_restarts: 1_000, max_seconds: 1]
 
   @doc false
   def start_link(_opts), do: Supervisor.start_link(__MODULE__, nil, name: __MODULE__)
 
-  @doc "The registry of bus processes, by backend and name."
+  @doc "Returns the name of the registry of bus processes."
   @spec registry() :: module()
   def registry, do: @registry
 
   @doc """
-  Whether bus processes can be had: `:restarting` is over in a moment, unless the application has
-  ended, and `:ending` is not, as what stands above them has died.
+  Returns whether bus processes can be started.
+
+  `:restarting` lasts for a moment, or for good after the application has ended. `:ending` is for
+  good, because a supervisor above has died.
   """
   @spec state() :: :running | :restarting | :ending
   def state do

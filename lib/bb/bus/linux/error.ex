@@ -1,6 +1,13 @@
 defmodule BB.Bus.Linux.Error do
   @moduledoc """
-  What Circuits calls the errors of the kernel. For `BB.Bus.Linux.I2C` and `BB.Bus.Linux.GPIO`.
+  Translates error numbers of the kernel into the errors of Circuits.
+
+  `BB.Bus.Linux.I2C` and `BB.Bus.Linux.GPIO` use it.
+
+      iex> BB.Bus.Linux.Error.i2c(121)
+      :i2c_nak
+      iex> BB.Bus.Linux.Error.gpio(16)
+      :already_open
   """
 
   @eacces 13
@@ -17,10 +24,9 @@ defmodule BB.Bus.Linux.Error do
   @gpio %{2 => :not_found, 16 => :already_open, 95 => :not_supported}
 
   @doc """
-  The error of an I2C bus: a word for what drivers look for, and the number for all else.
+  Returns the error of an I2C bus: an atom for the errors that drivers match on, otherwise the
+  number.
 
-      iex> BB.Bus.Linux.Error.i2c(121)
-      :i2c_nak
       iex> BB.Bus.Linux.Error.i2c(5)
       {:errno, 5}
   """
@@ -28,17 +34,15 @@ defmodule BB.Bus.Linux.Error do
   def i2c(errno), do: Map.get(@i2c, errno, {:errno, errno})
 
   @doc """
-  The error of a line: the system's own name, but for three of them.
+  Returns the error of a line: Circuits' name for three of them, otherwise the system's name.
 
-      iex> BB.Bus.Linux.Error.gpio(16)
-      :already_open
       iex> BB.Bus.Linux.Error.gpio(22)
       :einval
   """
   @spec gpio(pos_integer()) :: atom()
   def gpio(errno), do: Map.get_lazy(@gpio, errno, fn -> BB.Errno.name(errno) end)
 
-  @doc "Whether an error of either says that the file may not be opened."
+  @doc "Returns whether an error of either means that there are no rights on the file."
   @spec no_rights?(term()) :: boolean()
   def no_rights?(error), do: error in [:eacces, {:errno, @eacces}]
 end

@@ -3,19 +3,21 @@ defmodule BB.Bus.Linux.GPIO do
   GPIO of a Linux machine, with the interface of `Circuits.GPIO` 2.3: the same names, arities,
   results, messages and error atoms.
 
-  Use it on a machine without Nerves, through `BB.Bus.GPIO`, from which drivers take their module. It
-  calls the kernel's GPIO character devices (`/dev/gpiochip0`) by the second version of their
+  Use it on a machine without Nerves, through `BB.Bus.GPIO`, from which drivers take their module.
+  It calls the kernel's GPIO character devices (`/dev/gpiochip0`) by the second version of their
   interface, which needs Linux 5.10 or newer.
 
       {:ok, line} = BB.Bus.Linux.GPIO.open({"gpiochip0", 17}, :input, pull_mode: :pullup)
       :ok = BB.Bus.Linux.GPIO.set_interrupts(line, :both)
-      receive do: ({:circuits_gpio, {"gpiochip0", 17}, timestamp_ns, level} -> {timestamp_ns, level})
+      receive do
+        {:circuits_gpio, {"gpiochip0", 17}, timestamp_ns, level} -> {timestamp_ns, level}
+      end
 
   Timestamps are those of the kernel's monotonic clock. All calls run on the dirty I/O schedulers,
   because a chip can be at the other end of an I2C bus. One thread sends the edges of all lines.
 
-  A line is closed by `close/1`, when the process that opened it ends, and when its handle is garbage
-  collected. The last two take a moment, so open with `on_busy: :take_over` after a crash.
+  A line is closed by `close/1`, when the process that opened it ends, and when its handle is
+  garbage collected. The last two take a moment, so open with `on_busy: :take_over` after a crash.
 
   ## Errors
 
@@ -33,11 +35,12 @@ defmodule BB.Bus.Linux.GPIO do
   | `{:error, :not_supported}` | the chip's driver does not support the call |
   | `{:error, atom}` | another error, by its system name |
 
-  `read/1` and `write/2` return no errors, they raise them: `ErlangError` with such an atom, or with
-  `:pin_not_output` for a write to an input. A wrong argument raises `ArgumentError`.
+  `read/1` and `write/2` return no errors, they raise them: `ErlangError` with such an atom, or
+  with `:pin_not_output` for a write to an input. A wrong argument raises `ArgumentError`.
 
-  No message reports the end of the edges when their receiver ends or the chip is unplugged. `read/1`
-  then raises the reason. The kernel keeps 256 edges. A receiver too slow for more loses the newest.
+  No message reports the end of the edges when their receiver ends or the chip is unplugged.
+  `read/1` then raises the reason. The kernel keeps 256 edges. A receiver too slow for more loses
+  the newest.
 
   ## Compared with Circuits
 
@@ -181,8 +184,9 @@ defmodule BB.Bus.Linux.GPIO do
   @doc """
   Sends the edges of a line: `:rising`, `:falling`, `:both` or `:none`.
 
-  The messages are `{:circuits_gpio, spec, timestamp_ns, level}` with the spec of `open/3`. The option
-  `:receiver` is a process or a name, by default the caller. `:suppress_glitches` is ignored.
+  The messages are `{:circuits_gpio, spec, timestamp_ns, level}` with the spec of `open/3`. The
+  option `:receiver` is a process or a name, by default the caller. `:suppress_glitches` is
+  ignored.
   """
   @spec set_interrupts(t(), :rising | :falling | :both | :none, keyword()) ::
           :ok | {:error, atom()}
@@ -276,8 +280,8 @@ defmodule BB.Bus.Linux.GPIO do
     end
   end
 
-  # One attempt to take over: a line that is busy then is open in another program, or was opened in
-  # between.
+  # One attempt to take over: a line that is busy then is open in another program, or was opened
+  # in between.
   defp open_lines(path, offsets, direction, opts) do
     modes = {opts[:pull_mode], opts[:drive_mode]}
     open = fn -> Native.gpio_open(path, offsets, direction, opts[:initial_value], modes) end

@@ -1,29 +1,29 @@
 defmodule BB.Bus.Linux.I2C do
   @moduledoc """
   I2C of a Linux machine, with the interface of `Circuits.I2C` 2: the same names, arities, results
-  and error atoms. It speaks to the kernel's i2c-dev (`/dev/i2c-1`).
+  and error atoms.
 
-  A driver takes its bus's module from `BB.Bus.I2C`, whose sensors share a bus. Alone it is used
-  like this:
+  Use it on a machine without Nerves, as the backend of `BB.Bus.I2C`, through which drivers share
+  a bus. It calls the kernel's i2c-dev (`/dev/i2c-1`).
 
       {:ok, bus} = BB.Bus.Linux.I2C.open("i2c-1", timeout: 20)
       {:ok, <<0x68>>} = BB.Bus.Linux.I2C.write_read(bus, 0x68, <<0x75>>, 1)
 
-  Transfers run on the schedulers for I/O. A bus is closed by `close/1`, or when its handle is
-  collected.
+  Transfers run on the dirty I/O schedulers. A bus is closed by `close/1`, or when its handle is
+  garbage collected.
 
   ## Errors
 
   | term | errno | cause |
   |---|---|---|
-  | `{:error, :bus_not_found}` | ENOENT | `open/2`: there is no file of this name |
-  | `{:error, :i2c_nak}` | EREMOTEIO | nobody answers at the address, or the device refuses |
-  | `{:error, :enxio}` | ENXIO | the same, as other adapters say it |
+  | `{:error, :bus_not_found}` | ENOENT | `open/2`: no file of this name |
+  | `{:error, :i2c_nak}` | EREMOTEIO | no device answers at the address, or the device refuses |
+  | `{:error, :enxio}` | ENXIO | the same, with other adapters |
   | `{:error, :timeout}` | ETIMEDOUT | the bus was held for the whole timeout |
   | `{:error, :retry}` | EAGAIN | the bus was lost to another master |
-  | `{:error, :not_supported}` | EOPNOTSUPP | the adapter only knows SMBus |
+  | `{:error, :not_supported}` | EOPNOTSUPP | the adapter supports only SMBus |
   | `{:error, {:errno, 9}}` | EBADF | the handle is closed |
-  | `{:error, {:errno, 13}}` | EACCES | `open/2`: no rights; `BB.Bus.Linux.explain/2` says which group has them |
+  | `{:error, {:errno, 13}}` | EACCES | `open/2`: no rights; `BB.Bus.Linux.explain/2` names the group that has them |
   | `{:error, {:errno, 19}}` | ENODEV | the adapter was unplugged |
   | `{:error, {:errno, 22}}` | EINVAL | more than 8192 bytes at once |
   | `{:error, {:errno, 25}}` | ENOTTY | `open/2`: the file is no I2C adapter |
@@ -37,18 +37,18 @@ defmodule BB.Bus.Linux.I2C do
   | `read/3,4`, `write/3,4`, `write_read/4,5`, and each with `!` | the same |
   | `detect_devices/0,1`, `device_present?/2` | the same |
   | `discover/1,2`, `discover_one/1,2`, `discover_one!/1,2` | the same |
-  | `info/0,1` | the same, of this module |
-  | `Circuits.I2C.Bus` and other backends | absent: the module is the interface |
+  | `info/0,1` | the same, for this module |
+  | `Circuits.I2C.Bus` and other backends | absent: this module is the interface |
 
-  Where Circuits has an answer that can do harm, this has another:
+  Where the behaviour of Circuits can do harm, this module differs:
 
-  - an address above 127 raises; Circuits cuts it off, and writes to another device;
-  - more than 65535 bytes are an error; Circuits reads some of them;
-  - a file that is no I2C adapter is not asked whether it is one, which it could take for an order;
-  - an error of an adapter whose file is gone is `{:errno, 19}`, whatever its driver says: the bus is
-    then opened anew by `BB.Bus.I2C`. Circuits hands on that of the driver, which differs.
+  - An address above 127 raises. Circuits truncates it, and writes to another device.
+  - More than 65535 bytes are an error. Circuits reads some of them.
+  - A file that is no I2C adapter gets no request, which it could take for a command.
+  - Every error of an adapter whose file is gone is `{:errno, 19}`, so that `BB.Bus.I2C` reopens
+    the bus. Circuits returns the error of the adapter's driver, and drivers differ.
 
-  The kernel's timeout is the adapter's: the last one who sets it sets it for all.
+  The kernel has one timeout for each adapter: the last handle that sets it sets it for all.
   """
 
   import BB.Bus.I2C.Scan, only: [is_memory_chip: 1]
@@ -60,13 +60,17 @@ defmodule BB.Bus.Linux.I2C do
   @enforce_keys [:ref, :name, :path, :inode, :retries, :flags]
   defstruct [:ref, :name, :path, :inode, :retries, :flags]
 
-  @typedoc "An open bus. It belongs to no process, may be shared, and is closed for all who have it."
+  @typedoc """
+  An open bus.
+
+  It belongs to no process. Processes may share it. Closing it closes it for all.
+  """
   @type t :: %__MODULE__{}
 
   @typedoc "A 7-bit device address."
   @type address :: 0..127
 
-  @typedoc "Tells whether a device is at an address."
+  @typedoc "Returns whether a device is at an address."
   @type present? :: (t(), address() -> boolean())
 
   @prefix "i2c-"
@@ -78,13 +82,15 @@ defmodule BB.Bus.Linux.I2C do
   @ebadf 9
 
   @doc """
-  Opens a bus. Options:
+  Opens a bus.
 
-  - `:timeout`: how long a transfer may take, in milliseconds, in steps of 10, at least one; below 0
-    what the adapter has, the default;
+  ## Options
+
+  - `:timeout`: how long a transfer may take, in milliseconds, in steps of 10 and at least 10. The
+    default, below 0, leaves the adapter's timeout;
   - `:retries`: how often a failed transfer is tried again; default 0.
 
-  Others are ignored.
+  Other options are ignored.
   """
   @spec open(String.t(), keyword()) :: {:ok, t()} | {:error, term()}
   def open(name, opts \\ []) when is_binary(name) do
@@ -114,29 +120,29 @@ defmodule BB.Bus.Linux.I2C do
     end
   end
 
-  @doc "Reads `count` bytes from the device. `retries:` overrides that of `open/2`."
+  @doc "Reads `count` bytes from the device. The option `:retries` overrides the one of `open/2`."
   @spec read(t(), address(), non_neg_integer(), keyword()) :: {:ok, binary()} | {:error, term()}
   def read(%__MODULE__{} = bus, address, count, opts \\ []) do
     arguments = [bus.ref, address!(address), nil, count!(count)]
     transfer(bus, :i2c_read, arguments, retries!(opts, bus.retries))
   end
 
-  @doc "As `read/4`, and raises on an error."
+  @doc "Reads as `read/4` does, and raises an error."
   @spec read!(t(), address(), non_neg_integer(), keyword()) :: binary()
   def read!(bus, address, count, opts \\ []), do: value!(read(bus, address, count, opts))
 
-  @doc "Writes bytes to the device. None at all asks only whether it is there."
+  @doc "Writes bytes to the device. An empty write checks only whether a device answers."
   @spec write(t(), address(), iodata(), keyword()) :: :ok | {:error, term()}
   def write(%__MODULE__{} = bus, address, data, opts \\ []) do
     arguments = [bus.ref, address!(address), IO.iodata_to_binary(data)]
     transfer(bus, :i2c_write, arguments, retries!(opts, bus.retries))
   end
 
-  @doc "As `write/4`, and raises on an error."
+  @doc "Writes as `write/4` does, and raises an error."
   @spec write!(t(), address(), iodata(), keyword()) :: :ok
   def write!(bus, address, data, opts \\ []), do: value!(write(bus, address, data, opts))
 
-  @doc "Writes bytes and then reads `count`, as one transfer that no other comes between."
+  @doc "Writes bytes and then reads `count` bytes, in one transfer."
   @spec write_read(t(), address(), iodata(), non_neg_integer(), keyword()) ::
           {:ok, binary()} | {:error, term()}
   def write_read(%__MODULE__{} = bus, address, data, count, opts \\ []) do
@@ -144,25 +150,23 @@ defmodule BB.Bus.Linux.I2C do
     transfer(bus, :i2c_read, arguments, retries!(opts, bus.retries))
   end
 
-  @doc "As `write_read/5`, and raises on an error."
+  @doc "Writes and reads as `write_read/5` does, and raises an error."
   @spec write_read!(t(), address(), iodata(), non_neg_integer(), keyword()) :: binary()
   def write_read!(bus, address, data, count, opts \\ []),
     do: value!(write_read(bus, address, data, count, opts))
 
-  @doc "Closes the handle; once more changes nothing."
+  @doc "Closes the handle. Closing it again has no effect."
   @spec close(t()) :: :ok
   def close(%__MODULE__{ref: ref}), do: Native.i2c_close(ref)
 
-  @doc "The names of the machine's buses, in the order of their numbers."
+  @doc "Returns the names of the machine's buses, in the order of their numbers."
   @spec bus_names() :: [String.t()]
   def bus_names, do: Linux.devices(@prefix)
 
-  @doc """
-  Prints which addresses of which buses answer. For the console.
-  """
+  @doc "Prints the addresses of each bus at which a device answers, for the console."
   @spec detect_devices() :: :"do not show this result in output"
   def detect_devices do
-    for name <- bus_names(), do: IO.puts("#{name}: #{found(detect_devices(name))}")
+    for name <- bus_names(), do: IO.puts("#{name}: #{format_found(detect_devices(name))}")
 
     if bus_names() == [],
       do: IO.puts("no I2C bus: docs/guides/raspberry-pi-os.md shows how to get one")
@@ -180,14 +184,15 @@ defmodule BB.Bus.Linux.I2C do
     do: Scan.detect_devices(__MODULE__, bus)
 
   @doc """
-  The buses and addresses, out of those that are possible, where the device is: where it answers, or
-  where `present?` says that it is.
+  Returns the buses and addresses of a device, out of its possible addresses.
+
+  By default a device is present where one answers. `present?` replaces this check.
   """
   @spec discover([address()], present?()) :: [{String.t(), address()}]
   def discover(possible, present? \\ &device_present?/2),
     do: Enum.flat_map(bus_names(), &discover_on(&1, possible, present?))
 
-  @doc "As `discover/2`, for a device of which there is one."
+  @doc "Returns the bus and address of a device that exists once, as `discover/2` finds them."
   @spec discover_one([address()], present?()) ::
           {:ok, {String.t(), address()}} | {:error, :not_found | :multiple_possible_matches}
   def discover_one(possible, present? \\ &device_present?/2) do
@@ -198,14 +203,16 @@ defmodule BB.Bus.Linux.I2C do
     end
   end
 
-  @doc "As `discover_one/2`, and raises on an error."
+  @doc "Discovers as `discover_one/2` does, and raises an error."
   @spec discover_one!([address()], present?()) :: {String.t(), address()}
   def discover_one!(possible, present? \\ &device_present?/2),
     do: value!(discover_one(possible, present?))
 
   @doc """
-  Whether a device answers at the address: to an empty write, or to a read where the adapter knows no
-  empty writes or where they could change a memory chip.
+  Returns whether a device answers at the address.
+
+  It makes an empty write. Where the adapter does not support one, and at an address of memory
+  chips, in which an empty write could change a byte, it makes a read.
   """
   @spec device_present?(t(), address()) :: boolean()
   def device_present?(%__MODULE__{} = bus, address) do
@@ -214,7 +221,7 @@ defmodule BB.Bus.Linux.I2C do
       else: match?({:ok, _}, read(bus, address, 1))
   end
 
-  @doc "What this is."
+  @doc "Returns the name of this module, as Circuits does for its backend."
   @spec info(term()) :: map()
   def info(_backend \\ nil), do: %{backend: __MODULE__}
 
@@ -227,11 +234,11 @@ defmodule BB.Bus.Linux.I2C do
     end
   end
 
-  # What an adapter that was unplugged answers differs with its driver.
+  # The error of an unplugged adapter depends on its driver.
   defp error(error, _bus) when error in [:i2c_nak, :enxio, :retry], do: error
   defp error(error, bus), do: if(inode(bus.path) == bus.inode, do: error, else: {:errno, @enodev})
 
-  # A file that comes back by the same name is another one.
+  # An adapter that is plugged in again has a new file of the same name.
   defp inode(path) do
     with {:ok, info} <- :file.read_file_info(path, [:raw]), do: elem(info, 11), else: (_ -> nil)
   end
@@ -251,9 +258,11 @@ defmodule BB.Bus.Linux.I2C do
     end
   end
 
-  defp found({:error, _error} = error), do: inspect(error)
-  defp found([]), do: "no device answers"
-  defp found(addresses), do: Enum.map_join(addresses, ", ", &"0x#{Integer.to_string(&1, 16)}")
+  defp format_found({:error, _error} = error), do: inspect(error)
+  defp format_found([]), do: "no device answers"
+
+  defp format_found(addresses),
+    do: Enum.map_join(addresses, ", ", &"0x#{Integer.to_string(&1, 16)}")
 
   defp value!(:ok), do: :ok
   defp value!({:ok, value}), do: value

@@ -1,7 +1,8 @@
 defmodule BB.Bus.Linux.Native do
   @moduledoc false
 
-  # Elixir loads what it has just compiled. A NIF that was built for a board must not be loaded where it is built.
+  # Elixir loads a module after its compilation. A NIF that was built for a board must not be
+  # loaded on the machine that builds it.
   @compile {:autoload, false}
 
   use BB.NativeLibrary, "linux_bus_nif"

@@ -1,11 +1,12 @@
 defmodule BB.Bus.Sim.Claims do
   @moduledoc """
-  Records which robots declare a device at a place of a simulated bus, and decides who may share it.
+  Records which robots declare a device at a place of a simulated bus, and decides who may share
+  it.
 
-  The processes of simulated buses and of chips of lines use it. A place is an address or a name, and
-  has one device. Robots that declare the same device there share it, and it stays until the last of
-  them has stopped. A device that the configuration or a test put there stays, and a robot's device is
-  left out. The module is pure.
+  The processes of simulated buses and of chips of lines use it. A place is an address or a name,
+  and has one device. Robots that declare the same device there share it, and it stays until the
+  last of them has stopped. A device that the configuration or a test put there stays, and a
+  robot's device is left out. The module is pure.
 
       iex> alias BB.Bus.Sim.Claims
       iex> chip = {BB.Bus.Sim.Mpu6050, source: :motion}
@@ -26,8 +27,8 @@ defmodule BB.Bus.Sim.Claims do
   @type t :: %{place() => [robot :: module(), ...]}
 
   @doc """
-  Returns what to do with the `device` that a robot declares for a place with the device `present`,
-  `nil` for none.
+  Returns what to do with the `device` that a robot declares for a place with the device
+  `present`, `nil` for none.
 
   - `:free`: plug it in;
   - `:shared`: the same device is present;

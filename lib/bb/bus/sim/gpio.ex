@@ -3,7 +3,8 @@ defmodule BB.Bus.Sim.GPIO do
   Simulated GPIO with the interface of `Circuits.GPIO` 2.3: the same names, arities, results,
   messages and error atoms.
 
-  Drivers get it from `BB.Bus.GPIO` where `Circuits.GPIO` is not loaded, as in tests and on a laptop.
+  Drivers get it from `BB.Bus.GPIO` where `Circuits.GPIO` is not loaded, as in tests and on a
+  laptop.
 
       gpio = BB.Bus.GPIO.module(opts[:gpio])
       {:ok, line} = gpio.open({"gpiochip0", 17}, :input, pull_mode: :pullup, on_busy: :take_over)
@@ -23,13 +24,13 @@ defmodule BB.Bus.Sim.GPIO do
   | `{:error, :ebadf}` | the handle is closed, or its line was taken over |
   | `{:error, :enodev}` | the chip was stopped since the line was opened |
 
-  `read/1` and `write/2` return no errors, they raise them: `ErlangError` with `:ebadf`, `:enodev` or,
-  for a write to an input, `:pin_not_output`. A wrong argument raises `ArgumentError`.
+  `read/1` and `write/2` return no errors, they raise them: `ErlangError` with `:ebadf`, `:enodev`
+  or, for a write to an input, `:pin_not_output`. A wrong argument raises `ArgumentError`.
 
   ## Differences from real lines
 
-  - A handle is closed a moment after the process that opened it ends. Circuits closes it when it is
-    garbage collected.
+  - A handle is closed a moment after the process that opened it ends. Circuits closes it when it
+    is garbage collected.
   - A line that is closed becomes an input and keeps its pull.
   - Timestamps are the time of the chip's clock plus its option `timestamp_offset_ns`.
   """
@@ -153,8 +154,9 @@ defmodule BB.Bus.Sim.GPIO do
   @doc """
   Sends the edges of a line: `:rising`, `:falling`, `:both` or `:none`.
 
-  The messages are `{:circuits_gpio, spec, timestamp_ns, level}` with the spec of `open/3`. The option
-  `:receiver` is a process or a name, by default the caller. `:suppress_glitches` is ignored.
+  The messages are `{:circuits_gpio, spec, timestamp_ns, level}` with the spec of `open/3`. The
+  option `:receiver` is a process or a name, by default the caller. `:suppress_glitches` is
+  ignored.
   """
   @spec set_interrupts(t(), :rising | :falling | :both | :none, keyword()) ::
           :ok | {:error, atom()}

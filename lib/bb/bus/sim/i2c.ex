@@ -1,6 +1,7 @@
 defmodule BB.Bus.Sim.I2C do
   @moduledoc """
-  Simulated I2C with the interface of `Circuits.I2C` 2: the same names, arities, results and error atoms.
+  Simulated I2C with the interface of `Circuits.I2C` 2: the same names, arities, results and error
+  atoms.
 
   A driver takes its bus's module from `BB.Bus.I2C` and so runs on either:
 
@@ -24,7 +25,8 @@ defmodule BB.Bus.Sim.I2C do
   | `{:error, {:errno, 22}}` | more than 8192 bytes at once |
   | `{:error, {:errno, n}}` | what a fault says |
 
-  A wrong argument (an address that is no integer, data that is no iodata, a negative count) raises `ArgumentError`.
+  A wrong argument (an address that is no integer, data that is no iodata, a negative count)
+  raises `ArgumentError`.
   """
   import BB.Bus.I2C.Scan, only: [is_memory_chip: 1]
 
@@ -48,7 +50,8 @@ defmodule BB.Bus.Sim.I2C do
   @doc """
   Opens a bus. Options:
 
-  - `:timeout`: how long a device may hold the bus, in milliseconds; counted in steps of 10 as Linux does, at least one. Below 0, the default: 1000;
+  - `:timeout`: how long a device may hold the bus, in milliseconds; counted in steps of 10 as
+    Linux does, at least one. Below 0, the default: 1000;
   - `:retries`: how often a failed transfer is tried again; default 0.
 
   Others are ignored.
@@ -98,8 +101,8 @@ defmodule BB.Bus.Sim.I2C do
     do: Scan.detect_devices(__MODULE__, bus)
 
   @doc """
-  Returns whether a device answers at the address: to an empty write, or to a read at an address of
-  memory chips, in which an empty write could change a byte.
+  Returns whether a device answers at the address: to an empty write, or to a read at an address
+  of memory chips, in which an empty write could change a byte.
   """
   @spec device_present?(t(), address()) :: boolean()
   def device_present?(bus, address) when is_memory_chip(address),

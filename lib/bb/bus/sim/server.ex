@@ -2,9 +2,9 @@ defmodule BB.Bus.Sim.Server do
   @moduledoc """
   The process of one simulated I2C bus.
 
-  `BB.Bus.Sim` and `BB.Bus.Sim.I2C` call it. Transfers wait in a queue until the bus is free. Orders to
-  the simulation (unplug, fault, …) take effect at once. `BB.Bus.Sim.Slot` decides what a device
-  answers.
+  `BB.Bus.Sim` and `BB.Bus.Sim.I2C` call it. Transfers wait in a queue until the bus is free.
+  Orders to the simulation (unplug, fault, …) take effect at once. `BB.Bus.Sim.Slot` decides what
+  a device answers.
   """
   @moduledoc no_example: "internal: BB.Bus.Sim and BB.Bus.Sim.I2C are its interface"
 

@@ -85,8 +85,8 @@ defmodule BB.Bus.Sim.Slot do
   @doc """
   Makes one attempt of a transfer.
 
-  Returns the answer, for how many milliseconds the device holds the bus beyond the time of the bytes,
-  and the slot. The slot is `nil` at an address that never had a device.
+  Returns the answer, for how many milliseconds the device holds the bus beyond the time of the
+  bytes, and the slot. The slot is `nil` at an address that never had a device.
   """
   @spec attempt(t() | nil, request(), timeout_ms :: pos_integer(), integer()) ::
           {answer(), held_ms :: non_neg_integer(), t() | nil}
@@ -101,8 +101,8 @@ defmodule BB.Bus.Sim.Slot do
   end
 
   @doc """
-  Returns the pulses of the device's interrupt pin (`c:BB.Bus.Sim.Device.pulses/3`), or `nil` when its
-  model makes none.
+  Returns the pulses of the device's interrupt pin (`c:BB.Bus.Sim.Device.pulses/3`), or `nil` when
+  its model makes none.
   """
   @spec pulses(t(), integer(), integer()) :: map() | nil
   def pulses(%{plugged?: true, broken?: false} = slot, from_ns, to_ns) do

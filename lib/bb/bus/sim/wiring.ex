@@ -1,7 +1,7 @@
 defmodule BB.Bus.Sim.Wiring do
   @moduledoc """
-  The process that wires a robot's devices to one simulated bus, or to one chip of lines, while the
-  robot runs.
+  The process that wires a robot's devices to one simulated bus, or to one chip of lines, while
+  the robot runs.
 
   The robot's supervisor starts one for each bus of its `simulation`.
 
@@ -15,9 +15,9 @@ defmodule BB.Bus.Sim.Wiring do
     * a device that no robot declares stays, and the robot's is left out;
     * a different device of another robot fails the start, with an error that names that robot.
 
-  When the bus ends, this process ends too. The process that replaces it starts the bus again, with
-  the robot's devices as after power-on. When the robot stops, its devices are removed. A bus has the
-  clock of the robot that started it (`BB.Clock.of/1`).
+  When the bus ends, this process ends too. The process that replaces it starts the bus again,
+  with the robot's devices as after power-on. When the robot stops, its devices are removed. A bus
+  has the clock of the robot that started it (`BB.Clock.of/1`).
   """
   use GenServer
   use BB.Process.Tolerant

@@ -60,8 +60,8 @@ defmodule BB.Sensor.EmergencyStop.Halt do
   @doc """
   Handles a reading of the contact.
 
-  Returns `:halt` or `:release` for a change, `:listen` when edges are needed from now on because a
-  release can follow, and `:none` when there is nothing to do.
+  Returns `:halt` or `:release` for a change, `:listen` when edges are needed from now on because
+  a release can follow, and `:none` when there is nothing to do.
   """
   @spec reading(t(), :closed | :open, integer()) :: {:halt | :release | :listen | :none, t()}
   def reading(%{state: :released} = halt, :closed, _now_ns), do: {:none, halt}

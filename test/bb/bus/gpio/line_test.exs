@@ -37,7 +37,7 @@ defmodule BB.Bus.GPIO.LineTest do
     assert Line.open(GPIO, twice, :input, []) == {:error, {:line, twice, :duplicate_lines}}
   end
 
-  test "edges are told from the call on, and none is left over when it is closed", %{spec: spec} do
+  test "edges arrive from the call on, and none is left over when it is closed", %{spec: spec} do
     line = open!(spec)
     :ok = Line.listen(line, :both)
     :ok = Lines.drive(spec, 1)

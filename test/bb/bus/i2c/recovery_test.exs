@@ -7,7 +7,7 @@ defmodule BB.Bus.I2C.RecoveryTest do
 
   @timeout {:error, :timeout}
 
-  # Answers in turn, each {address, answer}, while `in_use` are the addresses of all who have the bus open.
+  # Records the results of transfers, each {address, result}, with `in_use` addresses.
   defp transfer(recovery, answers, in_use) do
     Enum.reduce(answers, recovery, fn {address, answer}, recovery ->
       Recovery.transferred(recovery, address, answer, in_use, 0)

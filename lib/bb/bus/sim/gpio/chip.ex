@@ -2,18 +2,18 @@ defmodule BB.Bus.Sim.GPIO.Chip do
   @moduledoc """
   One simulated chip of lines: its lines, the devices on them, and the events to come.
 
-  `BB.Bus.Sim.GPIO.Server` keeps one and passes the time. It is pure, except that it sends the messages
-  of edges, and logs a model that raises.
+  `BB.Bus.Sim.GPIO.Server` keeps one and passes the time. It is pure, except that it sends the
+  messages of edges, and logs a model that raises.
 
       iex> alias BB.Bus.Sim.GPIO.Chip
-      iex> {:ok, chip} =
-      ...>   Chip.plug(Chip.new("gpiochip7", []), :bumper, {BB.Bus.Sim.Contact, pins: [contact: 17]}, 0)
+      iex> bumper = {BB.Bus.Sim.Contact, pins: [contact: 17]}
+      iex> {:ok, chip} = "gpiochip7" |> Chip.new([]) |> Chip.plug(:bumper, bumper, 0)
       iex> {:ok, chip} = Chip.order(chip, :bumper, :press, 10)
       iex> Chip.describe(chip, 17)
       %{near: 0, far: 0, fault: nil, open?: false}
 
-  A change of a line (`change/5`) reaches the handle that is open on it as an edge, and the devices
-  whose pins are wired to it. What they do is applied at once or goes into the agenda.
+  A change of a line (`change/5`) reaches the handle that is open on it as an edge, and the
+  devices whose pins are wired to it. What they do is applied at once or goes into the agenda.
   """
 
   alias BB.Bus.Sim.GPIO.{Agenda, Handle, Line, Part}
@@ -80,7 +80,8 @@ defmodule BB.Bus.Sim.GPIO.Chip do
     do: Enum.find(chip.handles, fn {_ref, handle} -> offset in handle.offsets end)
 
   @doc """
-  Changes a line at a time, by a function, and passes a new level on to its handle and its devices.
+  Changes a line at a time, by a function, and passes a new level on to its handle and its
+  devices.
 
   A device does not see the changes that it makes: `{:device, name}` is its `driver`.
   """

@@ -83,7 +83,7 @@ defmodule BB.Bus.Sim.GPIO.Handles do
     end
   end
 
-  @doc "Runs a request of a handle: to read or write its lines, change their settings or get edges."
+  @doc "Runs a request of a handle: to read, write, change settings or get edges."
   @spec call(Chip.t(), reference(), request :: term(), integer()) :: {reply :: term(), Chip.t()}
   def call(chip, ref, request, now_ns) do
     case chip.handles do

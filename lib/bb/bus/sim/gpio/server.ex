@@ -2,9 +2,9 @@ defmodule BB.Bus.Sim.GPIO.Server do
   @moduledoc """
   The process of one simulated chip of lines.
 
-  `BB.Bus.Sim.GPIO` and `BB.Bus.Sim.Lines` call it. It passes the time to `BB.Bus.Sim.GPIO.Chip` and
-  `BB.Bus.Sim.GPIO.Handles`, which decide what happens, and has a timer for the chip's next event. A
-  request always finds the lines as they are at its time, even if the timer is late.
+  `BB.Bus.Sim.GPIO` and `BB.Bus.Sim.Lines` call it. It passes the time to `BB.Bus.Sim.GPIO.Chip`
+  and `BB.Bus.Sim.GPIO.Handles`, which decide what happens, and has a timer for the chip's next
+  event. A request always finds the lines as they are at its time, even if the timer is late.
   """
   @moduledoc no_example: "internal: BB.Bus.Sim.GPIO and BB.Bus.Sim.Lines are its interface"
 
