@@ -2,25 +2,30 @@ defmodule BB.Bus.Sim.As5600 do
   @moduledoc """
   A simulated ams AS5600, register by register (datasheet v1-06).
 
-      BB.Bus.Sim.plug("i2c-1", 0x36, {BB.Bus.Sim.As5600, source: fn seconds -> [angle: 2 * seconds] end})
+  Use it to run `BB.Sensor.As5600` without the chip.
+
+      turning = fn seconds -> [angle: 2 * seconds] end
+      BB.Bus.Sim.plug("i2c-1", 0x36, {BB.Bus.Sim.As5600, source: turning})
 
   ## Options
-  - `:source`: the magnet, see `BB.Bus.Sim.Source`: its `angle` in rad (default 0.0), any number of turns, and `magnet`: `:good` (default),
-    `:weak`, `:strong` or `:missing`.
+
+  - `:source`: the magnet (`BB.Bus.Sim.Source`): its `angle` in rad (default 0.0), any number of
+    turns, and `magnet`: `:good` (default), `:weak`, `:strong` or `:missing`.
 
   ## What is modelled
 
   | register | behaviour |
   |---|---|
-  | 0x00–0x08 | ZMCO, ZPOS, MPOS, MANG, CONF: kept; ZMCO cannot be written |
+  | 0x00–0x08 | ZMCO, ZPOS, MPOS, MANG, CONF: stored; ZMCO is read only |
   | 0x0B STATUS | MD (bit 5), ML (bit 4), MH (bit 3) |
   | 0x0C RAW ANGLE | 12 bits, at the time of the transfer |
-  | 0x0E ANGLE | RAW ANGLE − ZPOS; MPOS and MANG do nothing |
+  | 0x0E ANGLE | RAW ANGLE − ZPOS; MPOS and MANG have no effect |
   | 0x1A AGC | 128, 255 for a weak or missing magnet, 0 for a strong one |
   | 0x1B MAGNITUDE | 2048, 0 without magnet |
 
-  The pointer stays where it is when it was set to the high byte of RAW ANGLE, ANGLE or MAGNITUDE, so that these can be read again and again.
-  Without magnet the angle is 0. Filters, hysteresis and the analog output are not modelled, and nothing can be burned.
+  A pointer at the high byte of RAW ANGLE, ANGLE or MAGNITUDE stays there, so that these can be
+  read repeatedly. Without a magnet the angle is 0. Filters, hysteresis, the analog output and
+  burning are not modelled.
   """
   @behaviour BB.Bus.Sim.Device
 
@@ -78,16 +83,16 @@ defmodule BB.Bus.Sim.As5600 do
 
   defp put(chip, _register, _value), do: chip
 
-  # All bytes of a transfer are those of one moment.
+  # All bytes of a transfer are of one moment.
   defp getter(chip, now_ns) do
-    felt = Source.at(chip.source, (now_ns - chip.powered_ns) / 1.0e9)
-    {status, agc, magnitude} = Map.fetch!(@magnets, felt.magnet)
-    raw = raw_angle(felt)
+    quantities = Source.at(chip.source, (now_ns - chip.powered_ns) / 1.0e9)
+    {status, agc, magnitude} = Map.fetch!(@magnets, quantities.magnet)
+    raw = raw_angle(quantities)
     angle = raw - (register(chip, 0x01) <<< 8 ||| register(chip, 0x02)) &&& 0xFFF
 
-    shown = Map.merge(%{@status => status, @agc => agc}, words([raw, angle, magnitude]))
+    values = Map.merge(%{@status => status, @agc => agc}, words([raw, angle, magnitude]))
 
-    fn register -> Map.get_lazy(shown, register, fn -> register(chip, register) end) end
+    fn register -> Map.get_lazy(values, register, fn -> register(chip, register) end) end
   end
 
   defp words(values) do

@@ -1,9 +1,8 @@
 defmodule BB.Bus.Sim.Device do
   @moduledoc """
-  What a simulated I2C device is: a state machine that bytes are written to and read from.
+  The behaviour of a simulated I2C device: a state machine that reads and writes bytes.
 
-  A model is pure. It has no process and asks no clock: the bus gives it the time of each transfer, in nanoseconds of the bus's
-  own clock, and keeps its state. So a model is tested by calling it, and a test that steps time needs nothing from it.
+  Implement it to simulate a chip, and plug the chip in with `BB.Bus.Sim.plug/3`.
 
       defmodule MyChip do
         @behaviour BB.Bus.Sim.Device
@@ -17,32 +16,44 @@ defmodule BB.Bus.Sim.Device do
 
         @impl true
         def read(count, _now_ns, chip) do
-          bytes = for i <- 0..(count - 1), into: <<>>, do: <<Map.get(chip.registers, chip.pointer + i, 0)>>
+          registers = chip.pointer..(chip.pointer + count - 1)
+          bytes = for i <- registers, into: <<>>, do: <<Map.get(chip.registers, i, 0)>>
           {:ok, bytes, chip}
         end
       end
 
-  A transfer that writes and then reads (`write_read/4` of the bus) is `c:write/3` followed by `c:read/3` at the same time.
-  Faults are the bus's business (`BB.Bus.Sim.fault/3`): a model describes a chip that works.
+  A model is pure. It has no process and reads no clock: the bus keeps its state, and passes the
+  time of each transfer, in nanoseconds of the bus's clock. A test calls a model directly, or
+  steps the clock.
+
+  A transfer that writes and then reads (`write_read/4` of the bus) is `c:write/3` followed by
+  `c:read/3` at the same time. A model describes a chip that works. The bus adds faults
+  (`BB.Bus.Sim.fault/3`).
   """
 
-  @typedoc "The state of the model; the bus does not look into it."
+  @typedoc "The state of the model, which is opaque to the bus."
   @type state :: term()
 
-  @doc "The state at power-on, with what `plug` was given. Wrong options raise `ArgumentError`; what the world lacks is `{:error, reason}`."
+  @doc """
+  Returns the state at power-on, for the options of `BB.Bus.Sim.plug/3`.
+
+  Wrong options raise `ArgumentError`. Something missing, such as a file, is `{:error, reason}`.
+  """
   @callback init(opts :: keyword(), now_ns :: integer()) :: {:ok, state()} | {:error, term()}
 
-  @doc "The master wrote `data` (at least one byte). `{:nak, state}`: the device refuses."
+  @doc "Writes `data`, at least one byte. Returns `{:nak, state}` when the device refuses."
   @callback write(data :: binary(), now_ns :: integer(), state()) ::
               {:ok, state()} | {:nak, state()}
 
-  @doc "The master reads exactly `count` bytes (at least one)."
+  @doc "Reads exactly `count` bytes, at least one."
   @callback read(count :: pos_integer(), now_ns :: integer(), state()) ::
               {:ok, binary(), state()} | {:nak, state()}
 
   @doc """
-  The pulses of the device's interrupt pin after `from_ns`, until `to_ns` and the one after that; `nil` while it makes none. The
-  bus calls it after each transfer and at each pulse, and drives the line (`BB.Bus.Sim.Lines.drive/3`).
+  Returns the pulses of the device's interrupt pin, or `nil` while it makes none.
+
+  They are the pulses after `from_ns` up to `to_ns`, and the time of the next one. The bus calls
+  it after each transfer and at each pulse, and drives the line (`BB.Bus.Sim.Lines.drive/3`).
   """
   @callback pulses(from_ns :: integer(), to_ns :: integer(), state()) ::
               %{
@@ -55,10 +66,10 @@ defmodule BB.Bus.Sim.Device do
 
   @optional_callbacks pulses: 3
 
-  @doc "What a bus raises in its caller when a device's `init/2`, of I2C or of lines, threw or exited."
-  @spec not_made(module(), :throw | :exit | :error, term()) :: Exception.t()
-  def not_made(module, kind, reason) do
+  @doc "Returns the exception for a device whose `init/2` threw or exited."
+  @spec init_error(module(), :throw | :exit | :error, term()) :: Exception.t()
+  def init_error(module, kind, reason) do
     why = Exception.format_banner(kind, reason)
-    RuntimeError.exception("the simulated device #{inspect(module)} was not made: #{why}")
+    RuntimeError.exception("could not start simulated device #{inspect(module)}: #{why}")
   end
 end

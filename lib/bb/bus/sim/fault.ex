@@ -1,19 +1,26 @@
 defmodule BB.Bus.Sim.Fault do
   @moduledoc """
-  What is wrong with a simulated device, and for how long. Pure; used through `BB.Bus.Sim.fault/3`.
+  Faults of simulated devices, and how long they last.
+
+  Tests set them with `BB.Bus.Sim.fault/3`. The module is pure.
+
+      iex> BB.Bus.Sim.Fault.next({:nak, 2})
+      {:nak, {:nak, 1}}
   """
 
-  @typedoc "A way to answer nothing; the error atom is Circuits' name for it, except that `:nak` reads as `:i2c_nak`."
+  @typedoc "A fault without an answer. Its name is its error; `:nak` is `:i2c_nak` in Circuits."
   @type failure :: :nak | :enxio | :timeout | :retry | {:errno, pos_integer()}
 
   @typedoc """
-  A way to answer badly:
+  A fault with a wrong answer:
 
-  - `{:slow, ms}`: the device stretches the clock and so holds the bus that much longer; a handle whose timeout is not longer gets `{:error, :timeout}`;
-  - `{:bit_errors, probability}`: of each byte to and from the device one bit is flipped, with that probability (above 0, to 1);
-    with a `seed` (an integer) the same bits each time;
-  - `{:twin, device}`: a second device answers at the address. Both hear what is written, one of them is enough to acknowledge, and the
-    bytes read are those of both, ANDed, as open-drain wires do it. It is powered up when the fault is made.
+  - `{:slow, ms}`: the device stretches the clock, and holds the bus that much longer. A handle
+    whose timeout is not longer gets `{:error, :timeout}`;
+  - `{:bit_errors, probability}`: one bit of a byte to or from the device is flipped with that
+    probability (above 0, up to 1). With a `seed` (an integer) the same bits flip each time;
+  - `{:twin, device}`: a second device answers at the address, powered up when the fault is set.
+    Both get the bytes that are written, one acknowledgement is enough, and the bytes that are
+    read are the bitwise AND of both, as on open-drain wires.
   """
   @type weakness ::
           {:slow, pos_integer()}
@@ -21,33 +28,32 @@ defmodule BB.Bus.Sim.Fault do
           | {:bit_errors, number(), seed :: integer()}
           | {:twin, BB.Bus.Sim.device()}
 
-  @typedoc "One way to be wrong."
+  @typedoc "A kind of fault."
   @type kind :: failure() | weakness()
 
-  @typedoc "A way to be wrong until cleared, or for a number of attempts (a twin: until cleared)."
+  @typedoc "A fault until it is cleared, or for a number of attempts. A twin is never counted."
   @type t :: kind() | {kind(), pos_integer()}
 
   @failures [:nak, :enxio, :timeout, :retry]
 
   defguardp is_count(n) when is_integer(n) and n > 0
 
-  @doc "The fault itself; raises `ArgumentError` when it is none."
+  @doc "Returns the fault, or raises `ArgumentError`."
   @spec check!(t()) :: t()
   def check!(fault) do
     if kind?(fault) or counted?(fault) do
       fault
     else
       raise ArgumentError,
-            "expected a fault: :nak, :enxio, :timeout, :retry, {:errno, n}, {:slow, ms}, {:bit_errors, probability}, " <>
-              "{:bit_errors, probability, seed}, {one of these, times} or {:twin, {module, options}}, got: #{inspect(fault)}"
+            "expected a fault: :nak, :enxio, :timeout, :retry, {:errno, n}, {:slow, ms}, " <>
+              "{:bit_errors, probability}, {:bit_errors, probability, seed}, {kind, times} or " <>
+              "{:twin, {module, options}}, got: #{inspect(fault)}"
     end
   end
 
   @doc """
-  What one attempt meets: the way it is wrong (`nil` where nothing is), and the fault that is left.
+  Returns the kind of fault of the next attempt, `nil` for none, and the fault after it.
 
-      iex> BB.Bus.Sim.Fault.next({:nak, 2})
-      {:nak, {:nak, 1}}
       iex> BB.Bus.Sim.Fault.next({:nak, 1})
       {:nak, nil}
       iex> BB.Bus.Sim.Fault.next({{:slow, 5}, 1})
@@ -68,15 +74,15 @@ defmodule BB.Bus.Sim.Fault do
     end
   end
 
-  @doc "The error that a failure is read as."
+  @doc "Returns the error of a failure."
   @spec error(failure()) :: :i2c_nak | :enxio | :timeout | :retry | {:errno, pos_integer()}
   def error(:nak), do: :i2c_nak
   def error(failure), do: failure
 
   @doc """
-  Where a fault's chance begins: `nil` for a fault without any.
+  Returns the first random state of a fault, or `nil` for a fault without chance.
 
-  A fault that has a seed begins at the same place each time.
+  A fault with a seed has the same random state each time.
   """
   @spec dice(t() | nil) :: :rand.state() | nil
   def dice({{:bit_errors, _, _} = kind, _times}), do: dice(kind)
@@ -86,7 +92,7 @@ defmodule BB.Bus.Sim.Fault do
   def dice(_other), do: nil
 
   @doc """
-  Bytes as they come through wires that flip a bit of each with a probability.
+  Flips one bit of each byte with a probability.
 
       iex> dice = BB.Bus.Sim.Fault.dice({:bit_errors, 1, 7})
       iex> {bytes, _dice} = BB.Bus.Sim.Fault.corrupt(<<0, 0>>, 1, dice)

@@ -1,23 +1,30 @@
 defmodule BB.Bus.Sim.HcSr04 do
   @moduledoc """
-  A simulated HC-SR04, the ultrasonic range finder with a trigger and an echo pin.
+  A simulated HC-SR04, an ultrasonic range finder with a trigger and an echo pin.
 
-      BB.Bus.Sim.Lines.plug("gpiochip0", :sonar, {BB.Bus.Sim.HcSr04, pins: [trigger: 23, echo: 24], distance: 0.5})
+  Use it to run `BB.Sensor.HcSr04` without the module.
+
+      sonar = {BB.Bus.Sim.HcSr04, pins: [trigger: 23, echo: 24], distance: 0.5}
+      BB.Bus.Sim.Lines.plug("gpiochip0", :sonar, sonar)
       BB.Bus.Sim.Lines.tell("gpiochip0", :sonar, {:distance, :infinity})
 
-  When the trigger falls it sends its burst; 450 µs later the echo rises, for as long as sound takes to the thing and back, or for
-  38 ms when nothing is there. Until the echo has fallen it takes no other trigger. How long the trigger was high plays no part: time may stand still while it is.
+  When the trigger falls, the module sends its burst. 450 µs later the echo rises, for the time of
+  sound to the obstacle and back, or for 38 ms without an obstacle. The module ignores the trigger
+  until the echo has fallen. The width of the trigger pulse has no effect, because a stepped clock
+  may stand still during the pulse.
 
   ## Options
-  - `:distance`: to the thing, in m, or `:infinity`, or a function of the seconds since power-on that returns one of these; default 1.0;
+
+  - `:distance`: the distance to the obstacle in m, or `:infinity`, or a function of the seconds
+    since power-on that returns one of these; default 1.0;
   - `:speed_of_sound`: in m/s; default 343.2, as at 20 °C.
 
-  Order: `{:distance, distance}`.
+  Its order is `{:distance, distance}` (`BB.Bus.Sim.Lines.tell/3`).
   """
   @behaviour BB.Bus.Sim.GPIO.Device
 
   @burst_ns 450_000
-  @nothing_ns 38_000_000
+  @no_echo_ns 38_000_000
   @farthest 4.5
 
   @enforce_keys [:distance, :speed, :powered_ns]
@@ -66,7 +73,7 @@ defmodule BB.Bus.Sim.HcSr04 do
         round(2 * distance / module.speed * 1.0e9)
 
       _far ->
-        @nothing_ns
+        @no_echo_ns
     end
   end
 
@@ -79,7 +86,8 @@ defmodule BB.Bus.Sim.HcSr04 do
     unless distance == :infinity or is_function(distance, 1) or
              (is_number(distance) and distance >= 0) do
       raise ArgumentError,
-            "expected a distance: m, :infinity or a function of seconds, got: #{inspect(distance)}"
+            "expected a distance: m, :infinity or a function of seconds, " <>
+              "got: #{inspect(distance)}"
     end
   end
 end

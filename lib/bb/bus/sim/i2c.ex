@@ -3,27 +3,25 @@ defmodule BB.Bus.Sim.I2C do
   Simulated I2C with the interface of `Circuits.I2C` 2: the same names, arities, results and error
   atoms.
 
-  A driver takes its bus's module from `BB.Bus.I2C` and so runs on either:
+  It is the backend of `BB.Bus.I2C` where `Circuits.I2C` is not loaded, as in tests and on a
+  laptop. `BB.Bus.Sim` starts the buses, and breaks them.
 
-      i2c = BB.Bus.I2C.module(opts[:i2c])
-      {:ok, bus} = i2c.open("i2c-1", timeout: 20)
-      {:ok, <<0x68>>} = i2c.write_read(bus, 0x68, <<0x75>>, 1)
-
-  The buses are made and broken by `BB.Bus.Sim`.
+      {:ok, bus} = BB.Bus.Sim.I2C.open("i2c-1", timeout: 20)
+      {:ok, <<0x68>>} = BB.Bus.Sim.I2C.write_read(bus, 0x68, <<0x75>>, 1)
 
   ## Errors
 
   | term | cause |
   |---|---|
   | `{:error, :bus_not_found}` | `open/2`: no bus of this name runs |
-  | `{:error, :i2c_nak}` | nobody answers at the address, or the device refuses |
-  | `{:error, :enxio}` | the same, as some adapters say it; here only as a fault |
+  | `{:error, :i2c_nak}` | no device answers at the address, or the device refuses |
+  | `{:error, :enxio}` | the same, with some adapters; here only as a fault |
   | `{:error, :timeout}` | the device held the bus for the handle's timeout |
   | `{:error, :retry}` | the bus was lost to another master |
   | `{:error, {:errno, 9}}` | the handle is closed |
   | `{:error, {:errno, 19}}` | the bus was stopped since it was opened |
   | `{:error, {:errno, 22}}` | more than 8192 bytes at once |
-  | `{:error, {:errno, n}}` | what a fault says |
+  | `{:error, {:errno, n}}` | a fault with this number |
 
   A wrong argument (an address that is no integer, data that is no iodata, a negative count)
   raises `ArgumentError`.
@@ -36,7 +34,11 @@ defmodule BB.Bus.Sim.I2C do
   @enforce_keys [:name, :pid, :closed, :retries, :timeout_ms]
   defstruct [:name, :pid, :closed, :retries, :timeout_ms, flags: [:supports_empty_write]]
 
-  @typedoc "An open bus. It belongs to no process, may be shared, and is closed for all who have it."
+  @typedoc """
+  An open bus.
+
+  It belongs to no process. Processes may share it. Closing it closes it for all.
+  """
   @type t :: %__MODULE__{}
 
   @typedoc "A 7-bit device address."
@@ -48,13 +50,15 @@ defmodule BB.Bus.Sim.I2C do
   @invalid_argument 22
 
   @doc """
-  Opens a bus. Options:
+  Opens a bus.
 
-  - `:timeout`: how long a device may hold the bus, in milliseconds; counted in steps of 10 as
-    Linux does, at least one. Below 0, the default: 1000;
+  ## Options
+
+  - `:timeout`: how long a device may hold the bus, in milliseconds, in steps of 10 as on Linux
+    and at least 10. The default, below 0, is 1000;
   - `:retries`: how often a failed transfer is tried again; default 0.
 
-  Others are ignored.
+  Other options are ignored.
   """
   @spec open(String.t(), keyword()) :: {:ok, t()} | {:error, :bus_not_found}
   def open(name, opts \\ []) when is_binary(name) do
@@ -67,27 +71,27 @@ defmodule BB.Bus.Sim.I2C do
     end
   end
 
-  @doc "Reads `count` bytes from the device. `retries:` overrides that of `open/2`."
+  @doc "Reads `count` bytes from the device. The option `:retries` overrides the one of `open/2`."
   @spec read(t(), address(), non_neg_integer(), keyword()) :: {:ok, binary()} | {:error, term()}
   def read(%__MODULE__{} = bus, address, count, opts \\ []),
     do: transfer(bus, address, {nil, count!(count)}, opts)
 
-  @doc "Writes bytes to the device. None at all asks only whether it is there."
+  @doc "Writes bytes to the device. An empty write checks only whether a device answers."
   @spec write(t(), address(), iodata(), keyword()) :: :ok | {:error, term()}
   def write(%__MODULE__{} = bus, address, data, opts \\ []),
     do: transfer(bus, address, {IO.iodata_to_binary(data), nil}, opts)
 
-  @doc "Writes bytes and then reads `count`, as one transfer that no other comes between."
+  @doc "Writes bytes and then reads `count` bytes, in one transfer."
   @spec write_read(t(), address(), iodata(), non_neg_integer(), keyword()) ::
           {:ok, binary()} | {:error, term()}
   def write_read(%__MODULE__{} = bus, address, data, count, opts \\ []),
     do: transfer(bus, address, {IO.iodata_to_binary(data), count!(count)}, opts)
 
-  @doc "Closes the handle; once more changes nothing."
+  @doc "Closes the handle. Closing it again has no effect."
   @spec close(t()) :: :ok
   def close(%__MODULE__{closed: closed}), do: :atomics.put(closed, 1, 1)
 
-  @doc "The names of the buses there are, sorted."
+  @doc "Returns the names of the buses that run, sorted."
   @spec bus_names() :: [String.t()]
   def bus_names, do: Server.names()
 

@@ -2,25 +2,31 @@ defmodule BB.Bus.Sim.Ina219 do
   @moduledoc """
   A simulated Texas Instruments INA219, register by register (SBOS448G).
 
+  Use it to run `BB.Sensor.Ina219` without the chip.
+
       BB.Bus.Sim.plug("i2c-1", 0x40, {BB.Bus.Sim.Ina219, source: [voltage: 11.1, current: 1.5]})
 
   ## Options
-  - `:source`: the rail, see `BB.Bus.Sim.Source`: `voltage` in V (default 12.0) and `current` in A (1.0), negative for the other direction;
+
+  - `:source`: the rail (`BB.Bus.Sim.Source`): `voltage` in V (default 12.0) and `current` in A
+    (default 1.0), negative for the other direction;
   - `:shunt`: the resistance in Ω through which the current flows; default 0.1;
-  - `:reset_value`: CONFIGURATION after power-on; default 0x399F. Something else makes it another chip.
+  - `:reset_value`: CONFIGURATION after power-on; default 0x399F. With another value it is another
+    chip.
 
   ## What is modelled
 
   | register | behaviour |
   |---|---|
-  | 0x00 CONFIGURATION | RST (bit 15); BRNG and PG limit the voltages; BADC, SADC and MODE give the time of a conversion: each of the two as in table 5. Writing it starts a conversion and clears CNVR |
+  | 0x00 CONFIGURATION | RST (bit 15); BRNG and PG limit the voltages; BADC, SADC and MODE set the times of both conversions, as in table 5. Writing it starts a conversion and clears CNVR |
   | 0x01 SHUNT VOLTAGE | 10 µV a step, signed, limited by PG |
-  | 0x02 BUS VOLTAGE | 4 mV a step from bit 3 on, limited by BRNG; CNVR (bit 1): measured since POWER was last read; OVF (bit 0): current or power are beyond 16 bits |
+  | 0x02 BUS VOLTAGE | 4 mV a step from bit 3 on, limited by BRNG; CNVR (bit 1): measured since the last read of POWER; OVF (bit 0): current or power exceed 16 bits |
   | 0x03 POWER | CURRENT · BUS VOLTAGE / 5000; reading it clears CNVR |
   | 0x04 CURRENT | SHUNT VOLTAGE · CALIBRATION / 4096 |
   | 0x05 CALIBRATION | bit 0 is always 0; takes effect at the next conversion |
 
-  The mean of several samples is the value at their end. Other registers do not answer.
+  The mean of several samples is the value at their end. The chip does not acknowledge other
+  registers.
   """
   @behaviour BB.Bus.Sim.Device
 
@@ -65,7 +71,7 @@ defmodule BB.Bus.Sim.Ina219 do
       powered_ns: now_ns
     }
 
-    {:ok, convert_from(chip, now_ns)}
+    {:ok, start_conversions(chip, now_ns)}
   end
 
   @impl true
@@ -80,7 +86,7 @@ defmodule BB.Bus.Sim.Ina219 do
   @impl true
   def read(2, now_ns, chip) do
     chip = convert(chip, now_ns)
-    {:ok, <<get(chip, chip.pointer)::16>>, have_read(chip, chip.pointer)}
+    {:ok, <<get(chip, chip.pointer)::16>>, after_read(chip, chip.pointer)}
   end
 
   def read(_count, _now_ns, chip), do: {:nak, chip}
@@ -88,11 +94,11 @@ defmodule BB.Bus.Sim.Ina219 do
   defp put(chip, @configuration, value, now_ns) when (value &&& 0x8000) != 0 do
     {:ok, fresh} = init([shunt: chip.shunt, reset_value: chip.reset_value], chip.powered_ns)
 
-    convert_from(%{fresh | source: chip.source}, now_ns)
+    start_conversions(%{fresh | source: chip.source}, now_ns)
   end
 
   defp put(chip, @configuration, value, now_ns),
-    do: convert_from(%{chip | configuration: value, ready?: false}, now_ns)
+    do: start_conversions(%{chip | configuration: value, ready?: false}, now_ns)
 
   defp put(chip, @calibration, value, _now_ns), do: %{chip | calibration: value &&& 0xFFFE}
   defp put(chip, _read_only, _value, _now_ns), do: chip
@@ -108,12 +114,12 @@ defmodule BB.Bus.Sim.Ina219 do
 
   defp bit(flag?), do: if(flag?, do: 1, else: 0)
 
-  defp have_read(chip, @power), do: %{chip | ready?: false}
-  defp have_read(chip, _register), do: chip
+  defp after_read(chip, @power), do: %{chip | ready?: false}
+  defp after_read(chip, _register), do: chip
 
   # Conversions.
 
-  defp convert_from(chip, now_ns) do
+  defp start_conversions(chip, now_ns) do
     <<_::5, bus_adc::4, shunt_adc::4, mode::3>> = <<chip.configuration::16>>
     shunt_ns = if (mode &&& 0b001) != 0, do: conversion_ns(shunt_adc), else: 0
     bus_ns = if (mode &&& 0b010) != 0, do: conversion_ns(bus_adc), else: 0
@@ -135,15 +141,19 @@ defmodule BB.Bus.Sim.Ina219 do
 
   defp convert(chip, now_ns) do
     case SampleTimes.take_latest(chip.sample_times, now_ns) do
-      {:ok, time_ns, times} -> latch(%{chip | sample_times: still(times, chip)}, time_ns)
-      :none -> chip
+      {:ok, time_ns, times} ->
+        put_measurement(%{chip | sample_times: next_times(times, chip)}, time_ns)
+
+      :none ->
+        chip
     end
   end
 
-  # Triggered, it converts once.
-  defp still(times, chip), do: if((chip.configuration &&& 0b100) != 0, do: times, else: nil)
+  # In the triggered mode it converts once.
+  defp next_times(times, chip),
+    do: if((chip.configuration &&& 0b100) != 0, do: times, else: nil)
 
-  defp latch(chip, time_ns) do
+  defp put_measurement(chip, time_ns) do
     rail = Source.at(chip.source, (time_ns - chip.powered_ns) / 1.0e9)
     <<_::2, range::1, gain::2, _::11>> = <<chip.configuration::16>>
     limit = 4000 <<< gain

@@ -1,9 +1,12 @@
 defmodule BB.Bus.Sim.Interrupts do
   @moduledoc """
-  The interrupt pins of a simulated bus's devices: what `c:BB.Bus.Sim.Device.pulses/3` says, on the lines, at its time.
+  Drives the interrupt pins of the devices on a simulated bus, as `c:BB.Bus.Sim.Device.pulses/3`
+  returns their pulses.
 
-  It belongs to the process of the bus, which is told `{:pulse, address}` when it is to call `follow/4` again.
+  `BB.Bus.Sim.Server` has one for its bus. A timer sends it `{:pulse, address}`, upon which it
+  calls `follow/3` again.
   """
+  @moduledoc no_example: "internal: c:BB.Bus.Sim.Device.pulses/3 is its interface"
 
   alias BB.Bus.Sim.{Lines, Slot}
   alias BB.Clock
@@ -11,7 +14,10 @@ defmodule BB.Bus.Sim.Interrupts do
   @enforce_keys [:bus, :clock]
   defstruct [:bus, :clock, pins: %{}]
 
-  @typedoc "For each address whose device pulses: its line, until when its pulses were made, and the timer of the next."
+  @typedoc """
+  The pins of a bus. Each address whose device pulses has its line, the time up to which pulses
+  were made, and the timer of the next pulse.
+  """
   @type t :: %__MODULE__{
           bus: String.t(),
           clock: Clock.t(),
@@ -25,11 +31,11 @@ defmodule BB.Bus.Sim.Interrupts do
           }
         }
 
-  @doc "Those of a bus where nobody pulses yet."
+  @doc "Returns the pins of a bus whose devices do not pulse yet."
   @spec new(String.t(), Clock.t()) :: t()
   def new(bus, clock), do: %__MODULE__{bus: bus, clock: clock}
 
-  @doc "Makes the pulses of a device that are due, and has the bus told of the next."
+  @doc "Makes the pulses of a device that are due, and starts the timer of the next one."
   @spec follow(t(), byte(), Slot.t() | nil) :: t()
   def follow(interrupts, address, slot) do
     now_ns = Clock.now_ns(interrupts.clock)
@@ -37,14 +43,14 @@ defmodule BB.Bus.Sim.Interrupts do
     from_ns = if pin, do: pin.until_ns, else: now_ns
 
     case slot && Slot.pulses(slot, from_ns, now_ns) do
-      nil -> quiet(interrupts, address, pin)
+      nil -> release(interrupts, address, pin)
       pulses -> pulse(interrupts, address, pin, pulses, now_ns)
     end
   end
 
-  defp quiet(interrupts, _address, nil), do: interrupts
+  defp release(interrupts, _address, nil), do: interrupts
 
-  defp quiet(interrupts, address, pin) do
+  defp release(interrupts, address, pin) do
     _ = Clock.cancel(interrupts.clock, pin.timer)
     _ = Lines.release(pin.line, by: driver(interrupts, address))
     %{interrupts | pins: Map.delete(interrupts.pins, address)}
@@ -63,15 +69,15 @@ defmodule BB.Bus.Sim.Interrupts do
       line: pulses.line,
       until_ns: now_ns,
       next_ns: pulses.next_ns,
-      timer: arm(interrupts, address, pin, pulses.next_ns)
+      timer: start_timer(interrupts, address, pin, pulses.next_ns)
     }
 
     put_in(interrupts.pins[address], next)
   end
 
-  defp arm(_interrupts, _address, %{next_ns: next_ns, timer: timer}, next_ns), do: timer
+  defp start_timer(_interrupts, _address, %{next_ns: next_ns, timer: timer}, next_ns), do: timer
 
-  defp arm(interrupts, address, pin, next_ns) do
+  defp start_timer(interrupts, address, pin, next_ns) do
     if pin, do: Clock.cancel(interrupts.clock, pin.timer)
     Clock.send_at(interrupts.clock, next_ns, self(), {:pulse, address})
   end

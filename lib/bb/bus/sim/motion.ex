@@ -1,16 +1,26 @@
 defmodule BB.Bus.Sim.Motion do
   @moduledoc """
-  What an inertial sensor feels, and a built-in motion to feel: a robot that rocks and turns slowly and for ever.
+  A built-in motion for simulated inertial sensors: a robot that rocks and turns slowly.
 
-  The motion is a function of time alone, so a test can compute what a sensor should have said. Its attitude is roll, pitch and
-  yaw (applied as yaw, pitch, roll), each a sine of a few seconds. The angular velocity is that attitude's true rate in the
-  body's frame and the acceleration the reaction to gravity there, z up, as at the point the body turns about.
+  Simulated chips use it as the default source. It is a function of time alone, so a test can
+  compute the reading that a sensor should have.
+
+      iex> %{angular_velocity: {x, _y, _z}} = BB.Bus.Sim.Motion.at(0)
+      iex> Float.round(x, 3)
+      0.394
+
+  The attitude is roll, pitch and yaw (applied as yaw, pitch, roll), each a sine of a few seconds.
+  The angular velocity is the attitude's true rate in the body's frame. The acceleration is the
+  reaction to gravity there, z up, at the point about which the body turns.
   """
 
   @typedoc "A vector in the sensor's frame."
   @type vector :: {x :: float(), y :: float(), z :: float()}
 
-  @typedoc "One moment: specific force in m/s² (at rest +9.81 on the axis that points up), rotation in rad/s, chip temperature in °C."
+  @typedoc """
+  The quantities at one time: specific force in m/s² (at rest +9.81 on the axis that points up),
+  rotation in rad/s, and chip temperature in °C.
+  """
   @type sample :: %{acceleration: vector(), angular_velocity: vector(), temperature: float()}
 
   @standard_gravity 9.80665
@@ -20,11 +30,11 @@ defmodule BB.Bus.Sim.Motion do
   @pitch {0.25, 0.13, 1.0}
   @yaw {0.50, 0.07, 0.0}
 
-  @doc "Standard gravity in m/s²."
+  @doc "Returns standard gravity in m/s²."
   @spec standard_gravity() :: float()
   def standard_gravity, do: @standard_gravity
 
-  @doc "The built-in motion at `seconds`."
+  @doc "Returns the quantities at `seconds`."
   @spec at(number()) :: sample()
   def at(seconds) do
     {roll, roll_rate} = swing(@roll, seconds)

@@ -1,16 +1,23 @@
 defmodule BB.Bus.Sim.Mpu6050 do
   @moduledoc """
-  A simulated InvenSense MPU-6050, register by register (RM-MPU-6000A rev. 4.2, PS-MPU-6000A rev. 3.4), or one of its successors, the
-  MPU-6500 and the MPU-9250 (RM-MPU-6500A rev. 2.1, RM-MPU-9250A rev. 1.6).
+  A simulated InvenSense MPU-6050, register by register, or one of its successors, the MPU-6500
+  and the MPU-9250.
+
+  Use it to run `BB.Sensor.Mpu6050` without the chip.
 
       BB.Bus.Sim.plug("i2c-1", 0x68, {BB.Bus.Sim.Mpu6050, source: :motion})
 
+  It follows RM-MPU-6000A rev. 4.2 and PS-MPU-6000A rev. 3.4, RM-MPU-6500A rev. 2.1 and
+  RM-MPU-9250A rev. 1.6.
+
   ## Options
-  - `:source`: what it feels, see `BB.Bus.Sim.Mpu6050.Source`; default `:motion`.
-  - `:model`: `:mpu6050` (default), `:mpu6500` or `:mpu9250`.
-  - `:interrupt`: the line that its pin INT is wired to, such as `{"gpiochip0", 4}`, see `BB.Bus.Sim.Lines`; default `nil`, none. The chip of lines goes
-    by the same clock as the bus.
-  - `:who_am_i`: the content of WHO_AM_I, at the address 0x69 too; by default that of the model: 0x68, 0x70, 0x71.
+
+  - `:source`: the motion that it measures (`BB.Bus.Sim.Mpu6050.Source`); default `:motion`;
+  - `:model`: `:mpu6050` (default), `:mpu6500` or `:mpu9250`;
+  - `:interrupt`: the line to which its pin INT is wired, such as `{"gpiochip0", 4}` (see
+    `BB.Bus.Sim.Lines`); default `nil`, none. The chip of lines needs the same clock as the bus;
+  - `:who_am_i`: the content of WHO_AM_I, also at the address 0x69; by default 0x68, 0x70 or 0x71,
+    by the model;
   - `:reset_ms`: how long a DEVICE_RESET takes; default 20.
 
   ## What is modelled
@@ -18,30 +25,34 @@ defmodule BB.Bus.Sim.Mpu6050 do
   | register | behaviour |
   |---|---|
   | 0x19 SMPLRT_DIV | sample rate = 8 kHz (filter off: DLPF_CFG 0 or 7) or 1 kHz, divided by 1 + SMPLRT_DIV |
-  | 0x1A CONFIG | DLPF_CFG chooses the base of the sample rate; the filter itself is not modelled, nor is FIFO_MODE |
-  | 0x1B GYRO_CONFIG, 0x1C ACCEL_CONFIG | full-scale range, FS_SEL and AFS_SEL (bits 4:3); self-test bits are kept and do nothing |
-  | 0x23 FIFO_EN | what of each sample goes into the FIFO: acceleration (bit 3), temperature (7), rotation (6:4), in the order of the data registers |
-  | 0x37 INT_PIN_CFG | kept; INT_RD_CLEAR (bit 4) makes any read clear INT_STATUS. The pin is active high and pulses for 50 µs whatever stands there |
-  | 0x38 INT_ENABLE | DATA_RDY_EN (bit 0): the pin pulses with each sample. Other bits are kept |
-  | 0x3A INT_STATUS | DATA_RDY (bit 0): a sample came since it was last read; FIFO_OFLOW (bit 4): the FIFO overflowed; reading clears them |
+  | 0x1A CONFIG | DLPF_CFG selects the base of the sample rate; the filter and FIFO_MODE are not modelled |
+  | 0x1B GYRO_CONFIG, 0x1C ACCEL_CONFIG | full-scale range, FS_SEL and AFS_SEL (bits 4:3); self-test bits are stored and have no effect |
+  | 0x23 FIFO_EN | the parts of each sample that go into the FIFO: acceleration (bit 3), temperature (7), rotation (6:4), in the order of the data registers |
+  | 0x37 INT_PIN_CFG | stored; with INT_RD_CLEAR (bit 4) any read clears INT_STATUS. The pin is always active high and pulses for 50 µs |
+  | 0x38 INT_ENABLE | DATA_RDY_EN (bit 0): the pin pulses with each sample. Other bits are stored |
+  | 0x3A INT_STATUS | DATA_RDY (bit 0): a new sample since the last read; FIFO_OFLOW (bit 4): the FIFO overflowed; reading clears them |
   | 0x3B–0x48 | acceleration, temperature, rotation: 14 bytes, big-endian, all of one sample when read in one burst |
   | 0x6A USER_CTRL | FIFO_EN (bit 6); FIFO_RESET (bit 2) empties the FIFO when FIFO_EN is 0, and clears itself |
   | 0x6B PWR_MGMT_1 | DEVICE_RESET (bit 7) clears all registers and itself after the reset time; SLEEP (bit 6, set at power-on of an MPU-6050 only) and CLKSEL 7 stop the sampling |
   | 0x72–0x73 FIFO_COUNT | the number of bytes in the FIFO |
-  | 0x74 FIFO_R_W | takes bytes out of the FIFO, in a burst too; 0xFF where there are none |
+  | 0x74 FIFO_R_W | takes bytes out of the FIFO, also in a burst; 0xFF when it is empty |
   | 0x75 WHO_AM_I | read only |
 
-  The FIFO holds 1024 bytes (512 in the successors) and loses the oldest ones when it overflows. The registers 0x1D (of the successors), 0x1F, 0x24–0x34, 0x63–0x67,
-  0x69 and 0x6C keep what is written and do nothing: no auxiliary bus, no motion detection, no axis in standby. All others read 0 and cannot be written.
+  The FIFO has 1024 bytes (512 in the successors) and loses the oldest ones when it overflows. The
+  registers 0x1D (of the successors), 0x1F, 0x24–0x34, 0x63–0x67, 0x69 and 0x6C store the bytes
+  that are written and have no effect: no auxiliary bus, no motion detection, no axis in standby.
+  All others read as 0 and cannot be written.
 
-  Registers follow one another in a burst, for reading and for writing. While asleep the data registers keep their last content.
-  During a reset writes are lost. Values beyond the range saturate; values are rounded to the nearest step. The first sample comes
-  one sample period after waking; a new sample rate starts a new period. A stepped source, for which time plays no part, fills no FIFO and makes no pulses.
+  Registers follow one another in a burst, for reading and for writing. During sleep the data
+  registers do not change. During a reset writes are lost. Values beyond the range saturate, and
+  values are rounded to the nearest step. The first sample comes one sample period after waking. A
+  new sample rate starts a new period. A stepped source, which has no time, fills no FIFO and
+  makes no pulses.
   """
   @behaviour BB.Bus.Sim.Device
 
   alias BB.Bus.Sim.{Burst, Motion}
-  alias BB.Bus.Sim.Mpu6050.Source
+  alias BB.Bus.Sim.Mpu6050.{Model, Source}
 
   @smplrt_div 0x19
   @config 0x1A
@@ -75,18 +86,6 @@ defmodule BB.Bus.Sim.Mpu6050 do
   @fifo_reset 0x04
   @pulse_ns 50_000
 
-  # What tells the models apart: identity, PWR_MGMT_1 after power-on, bytes of FIFO; and the temperature's °C at 0 and LSB/°C.
-  @models %{
-    mpu6050: %{identity: 0x68, power: 0x40, fifo: 1024, zero: 36.53, per_degree: 340},
-    mpu6500: %{identity: 0x70, power: 0x01, fifo: 512, zero: 21, per_degree: 333.87},
-    mpu9250: %{identity: 0x71, power: 0x01, fifo: 512, zero: 21, per_degree: 333.87}
-  }
-
-  # Sensitivity by FS_SEL and AFS_SEL, from the product specification.
-  @lsb_per_degree_per_s {131.0, 65.5, 32.8, 16.4}
-  @lsb_per_g {16_384.0, 8192.0, 4096.0, 2048.0}
-  @degree_per_radian 180 / :math.pi()
-
   @enforce_keys [:source, :model, :identity, :line, :reset_ns, :powered_ns, :epoch_ns, :registers]
   defstruct [
     :source,
@@ -110,7 +109,7 @@ defmodule BB.Bus.Sim.Mpu6050 do
   def init(opts, now_ns) do
     defaults = [source: :motion, model: :mpu6050, interrupt: nil, who_am_i: nil, reset_ms: 20]
     opts = Keyword.validate!(opts, defaults)
-    model = model!(opts[:model])
+    model = Model.fetch!(opts[:model])
 
     {:ok,
      %__MODULE__{
@@ -141,7 +140,7 @@ defmodule BB.Bus.Sim.Mpu6050 do
 
   def read(count, now_ns, chip) do
     addresses = chip.pointer..(chip.pointer + count - 1)
-    chip = chip |> end_reset(now_ns) |> sample(now_ns) |> step(addresses)
+    chip = chip |> end_reset(now_ns) |> sample(now_ns) |> take_step(addresses)
     {bytes, chip} = Burst.read(count, chip, &get(chip, &1))
     {:ok, bytes, clear_status(chip, addresses)}
   end
@@ -171,28 +170,20 @@ defmodule BB.Bus.Sim.Mpu6050 do
   end
 
   @doc """
-  The 14 bytes from ACCEL_XOUT_H on for a sample, with the ranges AFS_SEL and FS_SEL (0..3 each), of an MPU-6050 or another model.
+  Returns the 14 bytes from ACCEL_XOUT_H on for a sample, with the ranges AFS_SEL and FS_SEL
+  (0..3).
 
-      iex> at_rest = %{acceleration: {0.0, 0.0, 9.80665}, angular_velocity: {0.0, 0.0, 0.0}, temperature: 36.53}
+      iex> at_rest = %{
+      ...>   acceleration: {0.0, 0.0, 9.80665},
+      ...>   angular_velocity: {0.0, 0.0, 0.0},
+      ...>   temperature: 36.53
+      ...> }
       iex> BB.Bus.Sim.Mpu6050.encode(at_rest, 0, 0)
       <<0, 0, 0, 0, 0x40, 0x00, 0, 0, 0, 0, 0, 0, 0, 0>>
   """
   @spec encode(Motion.sample(), 0..3, 0..3, atom()) :: <<_::112>>
   def encode(sample, afs_sel, fs_sel, model \\ :mpu6050),
-    do: encode_as(model!(model), sample, afs_sel, fs_sel)
-
-  defp encode_as(model, sample, afs_sel, fs_sel) do
-    per_accel = elem(@lsb_per_g, afs_sel) / Motion.standard_gravity()
-    per_rate = elem(@lsb_per_degree_per_s, fs_sel) * @degree_per_radian
-    temperature = (sample.temperature - model.zero) * model.per_degree
-
-    vector(sample.acceleration, per_accel) <>
-      int16(temperature) <> vector(sample.angular_velocity, per_rate)
-  end
-
-  defp vector({x, y, z}, factor), do: int16(x * factor) <> int16(y * factor) <> int16(z * factor)
-
-  defp int16(value), do: <<value |> round() |> max(-32_768) |> min(32_767)::16>>
+    do: Model.encode(Model.fetch!(model), sample, afs_sel, fs_sel)
 
   defp integer!(_key, value, most) when is_integer(value) and value >= 0 and value <= most,
     do: value
@@ -201,14 +192,7 @@ defmodule BB.Bus.Sim.Mpu6050 do
     raise ArgumentError, "expected #{key}: an integer in 0..#{most}, got: #{inspect(value)}"
   end
 
-  defp model!(model) when is_map_key(@models, model), do: @models[model]
-
-  defp model!(other) do
-    raise ArgumentError,
-          "expected model: one of #{inspect(Enum.sort(Map.keys(@models)))}, got: #{inspect(other)}"
-  end
-
-  # Registers as seen from the bus.
+  # Registers.
 
   defp get(chip, address) when address in @data_first..@data_last,
     do: :binary.at(chip.data, address - @data_first)
@@ -286,29 +270,29 @@ defmodule BB.Bus.Sim.Mpu6050 do
   defp samples?(chip),
     do: chip.reset_until_ns == nil and not Source.stepped?(chip.source) and period_ns(chip) != nil
 
-  # Of samples that nobody has seen, only those that the FIFO can hold are worth the making.
+  # Only the samples that still fit into the FIFO are computed.
   defp sample_until(chip, now_ns, period_ns) do
     count = div(now_ns - chip.epoch_ns, period_ns)
-    held = if fills_fifo?(chip), do: div(chip.model.fifo, 2) + 1, else: 1
-    first = max(chip.taken + 1, count - held + 1)
+    kept = if fills_fifo?(chip), do: div(chip.model.fifo, 2) + 1, else: 1
+    first = max(chip.taken + 1, count - kept + 1)
 
     for n <- first..count//1, reduce: chip do
-      chip -> take(chip, n, chip.epoch_ns + n * period_ns)
+      chip -> take_sample(chip, n, chip.epoch_ns + n * period_ns)
     end
   end
 
-  defp take(chip, n, time_ns) do
+  defp take_sample(chip, n, time_ns) do
     seconds = (time_ns - chip.powered_ns) / 1.0e9
-    %{chip | taken: n} |> latch(Source.at(chip.source, seconds)) |> queue()
+    %{chip | taken: n} |> put_data(Source.at(chip.source, seconds)) |> fill_fifo()
   end
 
   defp fills_fifo?(chip), do: Bitwise.band(register(chip, @user_ctrl), @fifo_on) != 0
 
-  defp queue(chip) do
-    if fills_fifo?(chip), do: queue(chip, chip.fifo <> frame(chip)), else: chip
+  defp fill_fifo(chip) do
+    if fills_fifo?(chip), do: put_fifo(chip, chip.fifo <> frame(chip)), else: chip
   end
 
-  defp queue(chip, bytes) do
+  defp put_fifo(chip, bytes) do
     case byte_size(bytes) - chip.model.fifo do
       over when over > 0 ->
         {_lost, kept} = :erlang.split_binary(bytes, over)
@@ -328,20 +312,20 @@ defmodule BB.Bus.Sim.Mpu6050 do
     for {1, bytes} <- parts, into: <<>>, do: bytes
   end
 
-  defp step(chip, addresses) do
+  defp take_step(chip, addresses) do
     with true <- Source.stepped?(chip.source) and @data_first in addresses,
          true <- period_ns(chip) != nil,
          {sample, source} <- Source.next(chip.source) do
-      latch(%{chip | source: source}, sample)
+      put_data(%{chip | source: source}, sample)
     else
       _ -> chip
     end
   end
 
-  defp latch(chip, sample) do
-    ranges = {range(chip, @accel_config), range(chip, @gyro_config)}
-    data = encode_as(chip.model, sample, elem(ranges, 0), elem(ranges, 1))
-    %{chip | data: data, data_ready?: true}
+  defp put_data(chip, sample) do
+    afs_sel = range(chip, @accel_config)
+    fs_sel = range(chip, @gyro_config)
+    %{chip | data: Model.encode(chip.model, sample, afs_sel, fs_sel), data_ready?: true}
   end
 
   defp range(chip, address) do
@@ -349,7 +333,7 @@ defmodule BB.Bus.Sim.Mpu6050 do
     range
   end
 
-  # The time between two samples; nil while none are taken.
+  # nil while the chip does not sample.
   defp period_ns(chip) do
     <<_reset::1, sleep::1, _::3, clock::3>> = <<register(chip, @pwr_mgmt_1)>>
 

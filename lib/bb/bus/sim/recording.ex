@@ -1,30 +1,37 @@
 defmodule BB.Bus.Sim.Recording do
   @moduledoc """
-  A recorded motion, from a CSV file, for simulated inertial sensors.
+  A recorded motion from a CSV file, for simulated inertial sensors.
+
+  Load one to play it on a simulated chip (`BB.Bus.Sim.Mpu6050.Source`).
+
+      iex> {:error, error} = BB.Bus.Sim.Recording.load("no_such_walk.csv")
+      iex> Exception.message(error)
+      "no_such_walk.csv: no such file or directory"
 
   The first line names the columns. The first seven must be
 
       Time (s), Gyroscope X (deg/s), Gyroscope Y (deg/s), Gyroscope Z (deg/s),
       Accelerometer X (g), Accelerometer Y (g), Accelerometer Z (g)
 
-  and others may follow (a magnetometer, say), which are ignored. Every further line is one sample: as many numbers as there are
-  columns, the time later than that of the line before. A recording holds SI units.
-
-      iex> {:error, error} = BB.Bus.Sim.Recording.load("no_such_walk.csv")
-      iex> Exception.message(error)
-      "no_such_walk.csv: no such file or directory"
+  Further columns, as of a magnetometer, are ignored. Each further line is one sample: a number
+  for each column, with a later time than the line before. A recording has SI units.
   """
 
   defmodule Error do
     @moduledoc """
-    Why a recording could not be read. `reason` is one of
+    An error in a recording.
+
+    `BB.Bus.Sim.Recording.load/1` returns it, and `load!/1` raises it. `reason` is one of
 
     - a file error of `File.read/1`, such as `:enoent`;
-    - `:wrong_header`, `:wrong_column_count`, `:not_a_number`, `:time_not_increasing`: what `line` of the file is wrong for;
-    - `:no_sample`: a header and nothing else.
+    - `:wrong_header`, `:wrong_column_count`, `:not_a_number` or `:time_not_increasing`: an error
+      in `line` of the file;
+    - `:no_sample`: a header without samples.
 
-    `line` counts from 1 and is `nil` where no line is to blame. The message says all of it in words.
+    `line` counts from 1. It is `nil` for an error that belongs to no line.
     """
+    @moduledoc no_example: "BB.Bus.Sim.Recording has one"
+
     defexception [:path, :line, :reason, :message]
 
     @type t :: %__MODULE__{
@@ -40,7 +47,12 @@ defmodule BB.Bus.Sim.Recording do
   @enforce_keys [:path, :times, :samples, :duration]
   defstruct [:path, :times, :samples, :duration]
 
-  @typedoc "`times` (s, from 0) and `samples` are tuples of one size; `duration` (s) is that of one round when repeated."
+  @typedoc """
+  A recording.
+
+  `times` (in s, from 0) and `samples` are tuples of the same size. `duration` (in s) is the
+  length of one round when the recording repeats.
+  """
   @type t :: %__MODULE__{path: Path.t(), times: tuple(), samples: tuple(), duration: float()}
 
   @columns [
@@ -56,13 +68,13 @@ defmodule BB.Bus.Sim.Recording do
   @temperature 25.0
   @radian_per_degree :math.pi() / 180
 
-  @doc "Reads a recording."
+  @doc "Reads a recording from a file."
   @spec load(Path.t()) :: {:ok, t()} | {:error, Error.t()}
   def load(path) do
     with {:ok, text} <- read(path), do: parse(text, path)
   end
 
-  @doc "As `load/1`, but raises the error."
+  @doc "Reads a recording as `load/1` does, and raises an error."
   @spec load!(Path.t()) :: t()
   def load!(path) do
     case load(path) do
@@ -72,19 +84,18 @@ defmodule BB.Bus.Sim.Recording do
   end
 
   @doc """
-  Reads a recording from the text of a file; `path` is for the errors.
+  Parses the text of a recording. `path` appears in errors.
 
-      iex> text = \"""
-      ...> Time (s),Gyroscope X (deg/s),Gyroscope Y (deg/s),Gyroscope Z (deg/s),Accelerometer X (g),Accelerometer Y (g),Accelerometer Z (g)
-      ...> 0.00,0,0,0,0,0,1
-      ...> 0.01,0,0,0,0,0,1
-      ...> \"""
+      iex> header =
+      ...>   "Time (s),Gyroscope X (deg/s),Gyroscope Y (deg/s),Gyroscope Z (deg/s)," <>
+      ...>     "Accelerometer X (g),Accelerometer Y (g),Accelerometer Z (g)\\n"
+      iex> text = header <> "0.00,0,0,0,0,0,1\\n0.01,0,0,0,0,0,1\\n"
       iex> {:ok, recording} = BB.Bus.Sim.Recording.parse(text)
       iex> BB.Bus.Sim.Recording.size(recording)
       2
       iex> {:error, error} = BB.Bus.Sim.Recording.parse(text <> "0.02,0,oops,0,0,0,1", "walk.csv")
       iex> Exception.message(error)
-      ~s(walk.csv:4: expected a number, found "oops")
+      ~s(walk.csv:4: expected a number, got: "oops")
   """
   @spec parse(String.t(), Path.t()) :: {:ok, t()} | {:error, Error.t()}
   def parse(text, path \\ "(text)") do
@@ -97,18 +108,19 @@ defmodule BB.Bus.Sim.Recording do
     end
   end
 
-  @doc "The number of samples."
+  @doc "Returns the number of samples."
   @spec size(t()) :: pos_integer()
   def size(%__MODULE__{samples: samples}), do: tuple_size(samples)
 
-  @doc "All samples in order."
+  @doc "Returns all samples in order."
   @spec samples(t()) :: [Motion.sample()]
   def samples(%__MODULE__{samples: samples}), do: Tuple.to_list(samples)
 
   @doc """
-  The latest sample taken at or before `seconds` after the recording's start; before the start, the first one.
+  Returns the latest sample at or before `seconds` after the recording's start.
 
-  Past the end it is `:loop` (from the start again) or `:hold` (the last sample).
+  Before the start it is the first sample. Past the end the recording repeats (`:loop`) or stays
+  at its last sample (`:hold`).
   """
   @spec at(t(), number(), :loop | :hold) :: Motion.sample()
   def at(%__MODULE__{} = recording, seconds, at_end) do
@@ -118,7 +130,7 @@ defmodule BB.Bus.Sim.Recording do
 
   defp wrap(seconds, duration), do: seconds - duration * Float.floor(seconds / duration)
 
-  # The greatest index whose time is not after `seconds`; it is in low..(high - 1).
+  # Finds the greatest index in low..(high - 1) whose time is not after `seconds`.
   defp latest(_times, _seconds, low, high) when high - low <= 1, do: low
 
   defp latest(times, seconds, low, high) do
@@ -214,17 +226,18 @@ defmodule BB.Bus.Sim.Recording do
 
   defp explain(:wrong_header, found),
     do:
-      "expected a header that begins with #{inspect(Enum.join(@columns, ","))}, got: #{quote_start(found)}"
+      "expected a header that begins with #{inspect(Enum.join(@columns, ","))}, " <>
+        "got: #{quote_start(found)}"
 
   defp explain(:wrong_column_count, {found, expected}),
-    do: "expected #{expected} columns, found #{found}"
+    do: "expected #{expected} columns, got: #{found}"
 
-  defp explain(:not_a_number, found), do: "expected a number, found #{quote_start(found)}"
+  defp explain(:not_a_number, found), do: "expected a number, got: #{quote_start(found)}"
 
   defp explain(:time_not_increasing, {time, last_time}),
-    do: "expected a time later than #{last_time}, found #{time}"
+    do: "expected a time later than #{last_time}, got: #{time}"
 
-  defp explain(:no_sample, _found), do: "there is no sample in it, only a header"
+  defp explain(:no_sample, _found), do: "expected samples, got only a header"
   defp explain(reason, _found), do: "#{:file.format_error(reason)}"
 
   defp quote_start(text), do: text |> String.slice(0, 80) |> inspect()

@@ -24,7 +24,7 @@ defmodule BB.Bus.Sim.Slot do
     transfers: 0
   ]
 
-  @typedoc "A slot. `:twin` is the state of a second device; `:dice` is the random state of bit errors."
+  @typedoc "A slot, with the state of a second device (`:twin`) and the random state (`:dice`)."
   @type t :: %__MODULE__{}
 
   @typedoc "The bytes that a transfer writes, or `nil`, and how many it reads, or `nil`."
@@ -44,7 +44,7 @@ defmodule BB.Bus.Sim.Slot do
   rescue
     exception -> {:raise, exception}
   catch
-    kind, reason -> {:raise, BB.Bus.Sim.Device.not_made(module, kind, reason)}
+    kind, reason -> {:raise, BB.Bus.Sim.Device.init_error(module, kind, reason)}
   end
 
   @doc "Powers an unplugged device up again."

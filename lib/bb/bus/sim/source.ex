@@ -1,20 +1,34 @@
 defmodule BB.Bus.Sim.Source do
   @moduledoc """
-  What a simulated chip measures: quantities that a test or a person sets. Pure.
+  The quantities that a simulated chip measures, from its option `:source`.
 
-  - a map or keyword list: these quantities, the others as by default, for ever;
-  - a function of the seconds since power-on that returns such a list, for what changes. One that reads an `Agent`, an ETS table
-    or `:counters` is a knob to turn while the chip is running.
+  Models of chips use it. The option is one of
 
-  For example `source: [voltage: 11.1]`, or `source: fn seconds -> [voltage: 12.6 - 0.01 * seconds] end`.
+  - a map or keyword list of quantities that do not change, such as `[voltage: 11.1]`. The others
+    have their defaults;
+  - a function of the seconds since power-on that returns such a list, such as
+    `fn seconds -> [voltage: 12.6 - 0.01 * seconds] end`. It can read an `Agent`, an ETS table or
+    `:counters`, so that a test changes a quantity while the chip runs.
+
+  The module is pure.
+
+      iex> defaults = %{angle: 0.0, magnet: :good}
+      iex> source = BB.Bus.Sim.Source.new(fn seconds -> [angle: seconds / 2] end, defaults)
+      iex> BB.Bus.Sim.Source.at(source, 3)
+      %{angle: 1.5, magnet: :good}
   """
 
+  @typedoc "A source."
   @opaque t :: {defaults :: map(), (number() -> Enumerable.t())}
 
-  @typedoc "As written in the device's options."
+  @typedoc "The option `:source`."
   @type spec :: map() | keyword() | (number() -> map() | keyword())
 
-  @doc "A source from the device's option, with all its quantities in `defaults`. Raises `ArgumentError` when it is wrong."
+  @doc """
+  Returns the source of an option. `defaults` has all quantities.
+
+  Raises `ArgumentError` for a wrong option.
+  """
   @spec new(spec(), map()) :: t()
   def new(function, defaults) when is_function(function, 1), do: {defaults, function}
 
@@ -25,16 +39,11 @@ defmodule BB.Bus.Sim.Source do
 
   def new(other, _defaults) do
     raise ArgumentError,
-          "expected a source: quantities, or a function of time that returns some, got: #{inspect(other)}"
+          "expected a source: quantities, or a function of time that returns them, " <>
+            "got: #{inspect(other)}"
   end
 
-  @doc """
-  The quantities at a time, `seconds` after power-on.
-
-      iex> source = BB.Bus.Sim.Source.new(fn seconds -> [angle: seconds / 2] end, %{angle: 0.0, magnet: :good})
-      iex> BB.Bus.Sim.Source.at(source, 3)
-      %{angle: 1.5, magnet: :good}
-  """
+  @doc "Returns the quantities at a time, `seconds` after power-on."
   @spec at(t(), number()) :: map()
   def at({defaults, function}, seconds), do: merge!(function.(seconds), defaults)
 
@@ -45,7 +54,8 @@ defmodule BB.Bus.Sim.Source do
     end)
   end
 
-  defp unknown(other, defaults),
-    do:
-      "expected a source of #{defaults |> Map.keys() |> Enum.sort() |> Enum.map_join(", ", &inspect/1)}, got: #{inspect(other)}"
+  defp unknown(other, defaults) do
+    names = defaults |> Map.keys() |> Enum.sort() |> Enum.map_join(", ", &inspect/1)
+    "expected a source of #{names}, got: #{inspect(other)}"
+  end
 end

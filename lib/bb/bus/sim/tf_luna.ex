@@ -1,30 +1,36 @@
 defmodule BB.Bus.Sim.TfLuna do
   @moduledoc """
-  A simulated Benewake TF-Luna in its I2C mode, register by register (SJ-PM-TF-Luna A05, appendix III).
+  A simulated Benewake TF-Luna in its I2C mode, register by register (SJ-PM-TF-Luna A05, appendix
+  III).
+
+  Use it to run `BB.Sensor.TfLuna` without the chip.
 
       BB.Bus.Sim.plug("i2c-1", 0x10, {BB.Bus.Sim.TfLuna, source: [distance: 2.5]})
 
   ## Options
-  - `:source`: what is before it, see `BB.Bus.Sim.Source`: `distance` in m (default 1.0), `signal`, the strength of what comes back (1000),
-    below 100 for nothing and 65_535 for too much, and `temperature` in °C (25.0);
-  - `:reboot_ms`: how long a restart takes, in which it does not answer, by the bus's clock; default 0;
-  - `:signature`: default `"LUNA"`. Something else makes it another chip.
+
+  - `:source`: the target (`BB.Bus.Sim.Source`): `distance` in m (default 1.0), `signal`, the
+    strength of the reflected light (default 1000; below 100 without a target, 65_535 for too much
+    light), and `temperature` in °C (default 25.0);
+  - `:reboot_ms`: how long a restart takes, during which the chip does not answer, by the bus's
+    clock; default 0;
+  - `:signature`: default `"LUNA"`. With another signature it is another chip.
 
   ## What is modelled
 
   | register | behaviour |
   |---|---|
-  | 0x00–0x07 | distance in cm, signal, temperature in 0.01 °C, time since the start in ms: of the last measurement, the low byte first. Without signal the distance is 0 |
-  | 0x20 SAVE | 1: the settings are kept for the next restart |
-  | 0x21 REBOOT | 2: the chip does not answer for a while, then has the settings that were saved |
-  | 0x23 MODE | 0 measures by itself, 1 when triggered |
+  | 0x00–0x07 | the last measurement, the low byte first: distance in cm, signal, temperature in 0.01 °C, time since the start in ms. Without signal the distance is 0 |
+  | 0x20 SAVE | 1: stores the settings for the next restart |
+  | 0x21 REBOOT | 2: restarts the chip, which then has the stored settings |
+  | 0x23 MODE | 0: continuous; 1: triggered |
   | 0x24 TRIG_ONE_SHOT | 1: one measurement, 2 ms later |
   | 0x26 FPS | measurements a second, 1 to 250 |
   | 0x3C–0x3F SIGNATURE | LUNA |
 
-  Mode and rate take effect with a restart. The means of several measurements are not modelled, nor are the pin 6, low power and the limits of
-  signal and distance; other registers from 0x22 to 0x31 keep what is written. A chip that is plugged in anew has the factory's settings:
-  by itself, 100 Hz.
+  Mode and rate take effect with a restart. Averaging, pin 6, low power and the limits of signal
+  and distance are not modelled. Other registers from 0x22 to 0x31 store the bytes that are
+  written. A chip that is plugged in again has the factory settings: continuous, 100 Hz.
   """
   @behaviour BB.Bus.Sim.Device
 
@@ -79,7 +85,7 @@ defmodule BB.Bus.Sim.TfLuna do
     do: {:nak, chip}
 
   def write(bytes, now_ns, chip) do
-    chip = take(chip, now_ns)
+    chip = measure(chip, now_ns)
     {:ok, Burst.write(bytes, chip, &put(&1, &2, &3, now_ns))}
   end
 
@@ -88,7 +94,7 @@ defmodule BB.Bus.Sim.TfLuna do
     do: {:nak, chip}
 
   def read(count, now_ns, chip) do
-    chip = take(chip, now_ns)
+    chip = measure(chip, now_ns)
     {bytes, chip} = Burst.read(count, chip, &get(chip, &1))
     {:ok, bytes, chip}
   end
@@ -128,26 +134,26 @@ defmodule BB.Bus.Sim.TfLuna do
 
   # Measurements.
 
-  defp take(%{shot_ns: shot_ns} = chip, now_ns) when shot_ns != nil and shot_ns <= now_ns,
-    do: latch(%{chip | shot_ns: nil}, shot_ns)
+  defp measure(%{shot_ns: shot_ns} = chip, now_ns) when shot_ns != nil and shot_ns <= now_ns,
+    do: put_measurement(%{chip | shot_ns: nil}, shot_ns)
 
-  defp take(%{sample_times: nil} = chip, _now_ns), do: chip
+  defp measure(%{sample_times: nil} = chip, _now_ns), do: chip
 
-  defp take(chip, now_ns) do
+  defp measure(chip, now_ns) do
     case SampleTimes.take_latest(chip.sample_times, now_ns) do
-      {:ok, time_ns, times} -> latch(%{chip | sample_times: times}, time_ns)
+      {:ok, time_ns, times} -> put_measurement(%{chip | sample_times: times}, time_ns)
       :none -> chip
     end
   end
 
-  defp latch(chip, time_ns) do
-    seen = Source.at(chip.source, (time_ns - chip.powered_ns) / 1.0e9)
-    distance = if seen.signal < @least_signal, do: 0, else: round(seen.distance * 100)
+  defp put_measurement(chip, time_ns) do
+    target = Source.at(chip.source, (time_ns - chip.powered_ns) / 1.0e9)
+    distance = if target.signal < @least_signal, do: 0, else: round(target.distance * 100)
     tick = div(time_ns - chip.started_ns, 1_000_000)
-    temperature = round(seen.temperature * 100)
+    temperature = round(target.temperature * 100)
 
     data =
-      for value <- [distance, seen.signal, temperature, tick],
+      for value <- [distance, target.signal, temperature, tick],
           into: <<>>,
           do: <<value::16-little>>
 

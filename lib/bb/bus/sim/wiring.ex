@@ -124,9 +124,9 @@ defmodule BB.Bus.Sim.Wiring do
 
   defp conflict(place, {module, _opts}, robot, state) do
     ArgumentError.exception(
-      "#{title(state)} has another device at #{format_place(place)}: a #{inspect(module)} that " <>
-        "#{inspect(robot)} declares; give #{inspect(state.robot)} another bus or place in its " <>
-        "`simulation`, or declare the same device in both"
+      "#{title(state)} has another device at #{format_place(place)}: a #{inspect(module)} " <>
+        "that #{inspect(robot)} declares; give #{inspect(state.robot)} another bus or place " <>
+        "in its `simulation`, or declare the same device in both"
     )
   end
 

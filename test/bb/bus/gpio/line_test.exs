@@ -65,7 +65,7 @@ defmodule BB.Bus.GPIO.LineTest do
     for spec <- [{"gpiochip0", 17}, {"gpiochip0", "GPIO17"}, "GPIO17", 17],
         do: assert(Line.check_spec(spec) == {:ok, spec})
 
-    assert {:error, ~s(expected a line, as {"gpiochip0", 17}) <> _} = Line.check_spec(:led)
+    assert {:error, ~s(expected a line, such as {"gpiochip0", 17}) <> _} = Line.check_spec(:led)
     assert {:error, _} = Line.check_spec({"gpiochip0", -1})
   end
 end

@@ -3,6 +3,8 @@ defmodule BB.Bus.Sim.MotionTest do
 
   alias BB.Bus.Sim.Motion
 
+  doctest BB.Bus.Sim.Motion
+
   @times for n <- 0..200, do: n * 0.137
 
   test "gravity is all that is felt, whatever the attitude" do

@@ -4,6 +4,8 @@ defmodule BB.Bus.Sim.Mpu6050Test do
   alias BB.Bus.Sim.{Motion, Mpu6050, Recording}
 
   doctest BB.Bus.Sim.Mpu6050
+  doctest BB.Bus.Sim.Mpu6050.Model
+  doctest BB.Bus.Sim.Mpu6050.Source
 
   @ms 1_000_000
   @wake <<0x6B, 0x01>>

@@ -50,29 +50,29 @@ defmodule BB.Bus.Sim.RecordingTest do
     end
 
     test "with too few or too many columns" do
-      assert message(["0,0,0,0,0,0,1", "1,2"]) == "walk.csv:3: expected 7 columns, found 2"
-      assert message(["0,0,0,0,0,0,1,2"]) == "walk.csv:2: expected 7 columns, found 8"
+      assert message(["0,0,0,0,0,0,1", "1,2"]) == "walk.csv:3: expected 7 columns, got: 2"
+      assert message(["0,0,0,0,0,0,1,2"]) == "walk.csv:2: expected 7 columns, got: 8"
 
       assert message(["0,0,0,0,0,0,1", "", "1,0,0,0,0,0,1"]) ==
-               "walk.csv:3: expected 7 columns, found 1"
+               "walk.csv:3: expected 7 columns, got: 1"
     end
 
     test "where there is no number" do
       assert message(["0,0,0,0,0,0,1", "1,0,x,0,0,0,1"]) ==
-               ~s(walk.csv:3: expected a number, found "x")
+               ~s(walk.csv:3: expected a number, got: "x")
 
-      assert message(["0,0,0,0,0,nan,1"]) == ~s(walk.csv:2: expected a number, found "nan")
-      assert message(["0,0,0,0,0,1.5g,1"]) == ~s(walk.csv:2: expected a number, found "1.5g")
-      assert message(["0,0,0,0,0,,1"]) == ~s(walk.csv:2: expected a number, found "")
+      assert message(["0,0,0,0,0,nan,1"]) == ~s(walk.csv:2: expected a number, got: "nan")
+      assert message(["0,0,0,0,0,1.5g,1"]) == ~s(walk.csv:2: expected a number, got: "1.5g")
+      assert message(["0,0,0,0,0,,1"]) == ~s(walk.csv:2: expected a number, got: "")
     end
 
     test "whose time does not go on" do
       assert message(["1,0,0,0,0,0,1", "1,0,0,0,0,0,1"]) ==
-               "walk.csv:3: expected a time later than 1.0, found 1.0"
+               "walk.csv:3: expected a time later than 1.0, got: 1.0"
     end
 
     test "without a sample" do
-      assert message([]) == "walk.csv: there is no sample in it, only a header"
+      assert message([]) == "walk.csv: expected samples, got only a header"
     end
 
     test "that is empty" do

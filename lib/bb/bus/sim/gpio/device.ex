@@ -1,9 +1,9 @@
 defmodule BB.Bus.Sim.GPIO.Device do
   @moduledoc """
-  What a simulated device on lines is: a state machine that sees levels and time, and drives levels.
+  The behaviour of a simulated device on lines: a state machine that sees levels and time, and
+  drives levels.
 
-  A model is pure. It has no process and asks no clock: it is told the time, in nanoseconds of its chip's clock, and says what is to
-  happen at which time. So a model is tested by calling it, and time may be real or stepped (`BB.Clock.Stepped`).
+  Implement it to simulate a device, and plug the device in with `BB.Bus.Sim.Lines.plug/3`.
 
       defmodule Blinker do
         @behaviour BB.Bus.Sim.GPIO.Device
@@ -23,23 +23,28 @@ defmodule BB.Bus.Sim.GPIO.Device do
 
       :ok = BB.Bus.Sim.Lines.plug("gpiochip0", :blinker, {Blinker, pins: [lamp: 17]})
 
-  Faults of wires are the lines' business (`BB.Bus.Sim.Lines.fault/2`): a model describes a device that works.
+  A model is pure. It has no process and reads no clock: the chip keeps its state, passes the
+  time, in nanoseconds of the chip's clock, and applies the effects that the model returns. A test
+  calls a model directly, or steps the clock (`BB.Clock.Stepped`).
+
+  A model describes a device that works. The lines add faults of wires
+  (`BB.Bus.Sim.Lines.fault/2`).
   """
 
   alias BB.Bus.Sim.GPIO.Line
 
-  @typedoc "The state of the model; the chip does not look into it."
+  @typedoc "The state of the model, which is opaque to the chip."
   @type state :: term()
 
-  @typedoc "One of the device's own pins, by the name that its datasheet gives it."
+  @typedoc "A pin of the device, by its name in the datasheet."
   @type pin :: atom()
 
   @typedoc """
-  What a device does:
+  An effect of a device:
 
-  - `{:drive, pin, drive}`: now, or with a fourth element at that time;
-  - `{:at, time_ns, event}`: is told `event` then, by `c:due/3`;
-  - `:cancel`: what it has said before for later is not to happen.
+  - `{:drive, pin, drive}`: drives the line at a pin now, or with a fourth element at that time;
+  - `{:at, time_ns, event}`: calls `c:due/3` with `event` at that time;
+  - `:cancel`: drops the device's effects that are still to come.
   """
   @type effect ::
           {:drive, pin(), Line.drive()}
@@ -47,19 +52,25 @@ defmodule BB.Bus.Sim.GPIO.Device do
           | {:at, time_ns :: integer(), event :: term()}
           | :cancel
 
-  @doc "The pins to which lines are connected by the option `:pins`, which the model does not get."
+  @doc "Returns the pins, which the option `:pins` connects to lines. The model does not get it."
   @callback pins() :: [pin(), ...]
 
-  @doc "The state at power-on, with what `plug` was given. Wrong options raise `ArgumentError`."
+  @doc "Returns the state at power-on, and its effects. Wrong options raise `ArgumentError`."
   @callback init(opts :: keyword(), now_ns :: integer()) :: {:ok, state(), [effect()]}
 
-  @doc "The level of the line at one of its pins has changed, by somebody else's doing. By default nothing follows."
+  @doc """
+  Handles a new level of the line at one of its pins, which the device did not cause. Optional.
+  """
   @callback level(pin(), Line.level(), now_ns :: integer(), state()) :: {state(), [effect()]}
 
-  @doc "The time for which it said `{:at, time_ns, event}` has come; `now_ns` is exactly that time."
+  @doc "Handles the event of an effect `{:at, time_ns, event}`, at exactly that time. Optional."
   @callback due(event :: term(), now_ns :: integer(), state()) :: {state(), [effect()]}
 
-  @doc "Somebody presses, turns or moves it (`BB.Bus.Sim.Lines.tell/3`). `:error` where it knows no such order."
+  @doc """
+  Handles an order of `BB.Bus.Sim.Lines.tell/3`, such as `:press`. Optional.
+
+  Returns `:error` for an unknown order.
+  """
   @callback order(term(), now_ns :: integer(), state()) :: {state(), [effect()]} | :error
 
   @optional_callbacks level: 4, due: 3, order: 3

@@ -1,8 +1,21 @@
 defmodule BB.Bus.Sim.GPIO.Handle do
   @moduledoc """
-  One who has lines of a simulated chip open: how it opened them, and whom it tells of edges. Pure.
+  A handle on lines of a simulated chip: how it was opened, and which process gets its edges.
 
-  Bit 0 of a value is the first line's.
+  `BB.Bus.Sim.GPIO.Handles` opens and closes them. Bit 0 of a value is the first line's. The
+  module is pure.
+
+      iex> alias BB.Bus.Sim.GPIO.Handle
+      iex> handle = %Handle{
+      ...>   spec: [5, 6],
+      ...>   offsets: [5, 6],
+      ...>   direction: :output,
+      ...>   pull: :none,
+      ...>   drive: :push_pull,
+      ...>   value: 0b10
+      ...> }
+      iex> {Handle.host(handle, 5), Handle.host(handle, 6)}
+      {{:output, 0}, {:output, 1}}
   """
   import Bitwise
 
@@ -21,9 +34,10 @@ defmodule BB.Bus.Sim.GPIO.Handle do
     shadow: 0
   ]
 
+  @typedoc "A handle. `:shadow` is the value after the last edge, `:owner` a monitor."
   @type t :: %__MODULE__{}
 
-  @doc "What a line's pin does for it."
+  @doc "Returns how the handle sets the pin of a line."
   @spec host(t(), non_neg_integer()) :: BB.Bus.Sim.GPIO.Line.host()
   def host(%{direction: :input}, _offset), do: :input
 
@@ -35,7 +49,7 @@ defmodule BB.Bus.Sim.GPIO.Handle do
     end
   end
 
-  @doc "The levels of its lines as one value."
+  @doc "Returns the levels of its lines as one value."
   @spec value(t(), (non_neg_integer() -> 0 | 1)) :: non_neg_integer()
   def value(handle, level) do
     for {offset, index} <- Enum.with_index(handle.offsets), reduce: 0 do
@@ -43,7 +57,11 @@ defmodule BB.Bus.Sim.GPIO.Handle do
     end
   end
 
-  @doc "An edge on one of its lines: the message for its receiver, or `nil`, and the handle after it."
+  @doc """
+  Handles an edge on one of its lines.
+
+  Returns the message for its receiver, or `nil`, and the handle.
+  """
   @spec edge(t(), non_neg_integer(), 0 | 1, integer()) :: {term() | nil, t()}
   def edge(%{trigger: :none} = handle, _offset, _level, _time_ns), do: {nil, handle}
 

@@ -1,10 +1,11 @@
 defmodule BB.Bus.Sim.GPIO.LineTest do
   use ExUnit.Case, async: true
 
-  alias BB.Bus.Sim.GPIO.{Agenda, Line}
+  alias BB.Bus.Sim.GPIO.{Agenda, Handle, Line}
 
   doctest Line
   doctest Agenda
+  doctest Handle
 
   defp input(pull), do: Line.host(%Line{}, :input, pull)
 
