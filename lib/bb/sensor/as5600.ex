@@ -8,19 +8,22 @@ defmodule BB.Sensor.As5600 do
       type: BB.Unit.option(:radian, -1000, 1000),
       default: -:math.pi(),
       doc:
-        "At the start the angle is in the turn that begins here: a number of rad or a unit of angle. The default is half a turn below 0."
+        "The start of the turn in which the first angle lies: a number of rad or a unit of " <>
+          "angle. The default is half a turn below 0."
     ],
     velocity_window: [
       type: BB.Unit.option(:second, 0.001, 10),
       default: 0.05,
       doc:
-        "Over how long the velocity is measured: a number of s or a unit of time. Longer is smoother and later."
+        "The time over which the velocity is measured: a number of s or a unit of time. A " <>
+          "longer one is smoother, and later."
     ],
     filter: [
       type: {:in, Registers.filters()},
       default: 16,
       doc:
-        "The chip's slow filter: 16, with 0.015° of noise and 2.2 ms to settle; 8; 4; or 2, with 0.043° and 0.3 ms."
+        "The chip's slow filter: 16, with 0.015° of noise and 2.2 ms to settle; 8; 4; or 2, " <>
+          "with 0.043° and 0.3 ms."
     ],
     hysteresis: [
       type: {:in, 0..3},
@@ -30,7 +33,7 @@ defmodule BB.Sensor.As5600 do
     magnet: [
       type: {:in, [:good, :any]},
       default: :good,
-      doc: "`:any` believes the chip with a magnet that it calls too weak or too strong, too."
+      doc: "`:any` also accepts a magnet that the chip reports as too weak or too strong."
     ]
   ]
 
@@ -42,7 +45,9 @@ defmodule BB.Sensor.As5600 do
             Keyword.take(Polled.options(rate: {1, 1000}, default: 100), [:rate]) ++ @own
 
   @moduledoc """
-  The ams AS5600: the angle of a magnet on a shaft, on I2C (datasheet v1-06).
+  The ams AS5600 on I2C: the angle of a magnet on a shaft (datasheet v1-06).
+
+  Use it as a sensor of a joint.
 
       joint :shoulder do
         sensor :encoder, {BB.Sensor.As5600, bus: "i2c-1"} do
@@ -53,30 +58,36 @@ defmodule BB.Sensor.As5600 do
         end
       end
 
-  Publishes `BB.Message.Sensor.JointState`: position in rad and velocity in rad/s, in the space of the joint to which it is attached, through
-  the sensor's transmission (`BB.Sensor.publish_joint_state/3`). The first message after a start has no velocity.
+  It publishes `BB.Message.Sensor.JointState`: position in rad and velocity in rad/s, in the space
+  of the joint to which it is attached, through the sensor's transmission
+  (`BB.Sensor.publish_joint_state/3`). The first message after a start has no velocity.
 
   ## Options
 
   #{BB.Options.docs(@schema)}
 
   ## Turns
-  The chip knows the angle within a turn, in 4096 steps of 0.088°. The sensor counts the turns: the position goes on beyond the turn in
-  which it began. That one begins at `from`, in the sensor's space, as the transmission's `offset` is in the joint's.
 
-  The count begins anew when the sensor is started again, after a fault too. A joint that turns more than once, its reduction included,
-  has to be referenced after each start, at a limit switch for example; one that turns less than once needs nothing. A changed parameter
-  loses no turn.
+  The chip measures the angle within a turn, in 4096 steps of 0.088°. The sensor counts the turns,
+  so the position continues beyond the turn in which it began. That turn begins at `from`, which
+  is in the sensor's space. The transmission's `offset` is in the joint's space.
 
-  The shaft may turn by three eighths of a turn from one reading to the next, 37 turns a second at 100 Hz. When it may have been more, the
-  count is lost: that is the fault `:too_fast`, and the sensor starts again.
+  The count starts again with the sensor, also after a fault. A joint that turns more than once,
+  its reduction included, has to be referenced after each start, for example at a limit switch. A
+  joint that turns less than once needs nothing. A changed parameter loses no turn.
 
-  ## What goes wrong
-  A magnet that is missing, too weak or too strong is a fault, and the sensor is down for as long as it lasts. The chip has no
-  identity to ask for; what does not keep settings as it does is `:not_configured`. The settings are looked at with each reading: a chip that lost
-  its power is set up again at once. For the rest see `BB.Sensor.Polled`.
+  The shaft may turn by three eighths of a turn from one reading to the next: 37 turns a second at
+  100 Hz. When it may have been more, the count is lost. That is the fault `:too_fast`, and the
+  sensor starts again.
 
-  A reading costs two transfers, of 8 and 5 bytes: 0.3 ms at 400 kHz.
+  ## Faults
+
+  A magnet that is missing, too weak or too strong is a fault, and the sensor is down while it
+  lasts. The chip has no identity. A chip that does not keep settings as it does is
+  `:not_configured`. Each reading checks the settings, so a chip that lost its power is set up
+  again at once. `BB.Sensor.Polled` describes the other faults.
+
+  A reading makes two transfers, of 8 and 5 bytes: 0.3 ms at 400 kHz.
   """
 
   use Polled, options_schema: @schema
@@ -87,8 +98,9 @@ defmodule BB.Sensor.As5600 do
   defstruct [:device, :settings, :magnet, :track, :conf]
 
   @typedoc """
-  Why the sensor does not work: a reason of every device (`t:BB.Bus.I2C.Device.reason/0`), what is wrong with the magnet, or `:too_fast`,
-  when it has turned too far from one reading to the next; bus, then address.
+  Why the sensor does not work: a reason of every device (`t:BB.Bus.I2C.Device.reason/0`), a fault
+  of the magnet, or `:too_fast`, when the shaft has turned too far from one reading to the next.
+  The bus comes first, then the address.
   """
   @type reason ::
           Device.reason()
@@ -96,33 +108,29 @@ defmodule BB.Sensor.As5600 do
              Device.address()}
 
   @doc """
-  A reason in a sentence that says what to look at.
+  Formats a reason as a sentence that says what to check.
 
       iex> BB.Sensor.As5600.explain({:no_magnet, "i2c-1", 0x36})
-      "the encoder at 0x36 on i2c-1 sees no magnet: check that it is there, above the middle of the chip"
+      "the encoder at 0x36 on i2c-1 detects no magnet: put one above the middle of the chip"
   """
   @impl BB.Sensor
   @spec explain(reason()) :: String.t()
   def explain({:no_magnet, bus, address}),
-    do:
-      encoder(
-        bus,
-        address,
-        "sees no magnet: check that it is there, above the middle of the chip"
-      )
+    do: encoder(bus, address, "detects no magnet: put one above the middle of the chip")
 
   def explain({:magnet_too_weak, bus, address}),
-    do: encoder(bus, address, "has too weak a magnet: bring it nearer, or take a stronger one")
+    do: encoder(bus, address, "has too weak a magnet: bring it nearer, or use a stronger one")
 
   def explain({:magnet_too_strong, bus, address}),
-    do: encoder(bus, address, "has too strong a magnet: move it away, or take a weaker one")
+    do: encoder(bus, address, "has too strong a magnet: move it away, or use a weaker one")
 
   def explain({:too_fast, bus, address}),
     do:
       encoder(
         bus,
         address,
-        "has turned too far between two readings, and its turns are no longer known: take a higher rate"
+        "has turned too far between two readings, and its turns are no longer known: use a " <>
+          "higher rate"
       )
 
   def explain(reason), do: Device.explain(reason)
@@ -142,7 +150,7 @@ defmodule BB.Sensor.As5600 do
     end)
   end
 
-  # A magnet that is wrong from the start is the start's fault.
+  # A wrong magnet fails the start, so that the sensor does not go up and down.
   defp start(chip) do
     with {:ok, found} <- Device.read(chip.device, Registers.conf(), 2),
          chip = %{chip | conf: Registers.encode_conf(chip.settings, found)},
@@ -160,10 +168,10 @@ defmodule BB.Sensor.As5600 do
   @impl BB.Sensor
   def handle_options(opts, sensor) do
     with {:ok, %{device: chip} = new} <- Polled.handle_options(opts, sensor),
-         do: {:ok, %{new | device: continue(chip, sensor.device)}}
+         do: {:ok, %{new | device: keep_track(chip, sensor.device)}}
   end
 
-  defp continue(new, old) do
+  defp keep_track(new, old) do
     if Device.same_place?(new.device, old.device),
       do: %{new | track: Track.continue(new.track, old.track)},
       else: new
@@ -173,7 +181,7 @@ defmodule BB.Sensor.As5600 do
   def measure(chip, now_ns) do
     with :ok <- check_state(chip),
          {:ok, bytes} <- Device.read(chip.device, Registers.raw_angle(), 2),
-         do: follow(chip, Registers.decode_angle(bytes), now_ns)
+         do: track(chip, Registers.decode_angle(bytes), now_ns)
   end
 
   defp check_state(chip) do
@@ -186,11 +194,11 @@ defmodule BB.Sensor.As5600 do
   defp check_magnet(:missing, chip), do: error(chip, :no_magnet)
   defp check_magnet(:too_weak, %{magnet: :good} = chip), do: error(chip, :magnet_too_weak)
   defp check_magnet(:too_strong, %{magnet: :good} = chip), do: error(chip, :magnet_too_strong)
-  defp check_magnet(_believed, _chip), do: :ok
+  defp check_magnet(_accepted, _chip), do: :ok
 
   defp error(chip, kind), do: {:error, Device.fault(chip.device, kind)}
 
-  defp follow(chip, angle, now_ns) do
+  defp track(chip, angle, now_ns) do
     case Track.add(chip.track, angle, now_ns) do
       {:ok, reading, track} -> {:ok, reading, %{chip | track: track}}
       {:error, :too_fast} -> {:stop, Device.fault(chip.device, :too_fast)}

@@ -6,11 +6,11 @@ defmodule BB.Sensor.HcSr04 do
 
   @schema [
             trigger: Line.option("The line of the pin TRIG, such as `{\"gpiochip0\", 23}`."),
-            echo: Line.option("The line of the pin ECHO; 5 V, so by a divider."),
+            echo: Line.option("The line of the pin ECHO, which has 5 V and needs a divider."),
             max_range: [
               type: BB.Unit.option(:meter, 0.1, 4),
               default: 4.0,
-              doc: "What is farther is `:infinity`: m or a unit of length, 10 cm to 4 m."
+              doc: "Farther obstacles are `:infinity`: m or a unit of length, 10 cm to 4 m."
             ],
             speed_of_sound: [
               type: BB.Unit.option(:meter_per_second, 300, 400),
@@ -20,26 +20,34 @@ defmodule BB.Sensor.HcSr04 do
           ] ++ Line.options() ++ Polled.options(rate: {0.1, 16}, default: 10)
 
   @moduledoc """
-  The HC-SR04: distance by ultrasound. On two GPIO lines.
+  The HC-SR04 on two GPIO lines: distance by ultrasound.
+
+  Use it for obstacles from 2 cm to 4 m.
 
       sensor :front, {BB.Sensor.HcSr04, trigger: {"gpiochip0", 23}, echo: {"gpiochip0", 24}}
 
-  Publishes `BB.Message.Sensor.Range` when the echo has ended: 2 cm to 4 m in a cone of 15°, `:infinity` when nothing is in reach.
-  The width of the echo is that between the kernel's time stamps of its two edges, so that a busy machine does not stretch it.
+  It publishes `BB.Message.Sensor.Range` when an echo ends: 2 cm to 4 m in a cone of 15°,
+  `:infinity` without an obstacle. The width of the echo is the difference between the kernel's
+  timestamps of its two edges, so a busy machine does not lengthen it.
 
   ## Options
 
   #{BB.Options.docs(@schema)}
 
-  Sensors that hear each other's bursts disturb each other; the datasheet asks for 60 ms between two bursts, hence the limit of the rate.
+  Sensors that receive each other's bursts disturb each other. The datasheet requires 60 ms
+  between two bursts, which limits the rate.
 
   ## Disarming
-  `c:BB.Sensor.disarm/1` sets the trigger low, whatever its process does, so that nothing holds it up. The sensor takes its line back with the next
-  burst and goes on measuring: a robot that is not armed still wants to know what is near it.
 
-  ## What goes wrong
-  Each burst has one echo, or the reading has failed: no echo at all, one that does not end, edges that belong to none. Nothing is published then. Three failed readings
-  in a row stop the sensor, with a `t:reason/0`. Starting sends a burst and waits for its echo.
+  `c:BB.Sensor.disarm/1` sets the trigger low, without the sensor's process. The sensor takes its
+  line back with the next burst and continues to measure, because a robot that is not armed also
+  needs the distance.
+
+  ## Faults
+
+  Each burst must have one echo. Without an echo, with an echo that does not end, or with edges
+  that belong to no echo, the reading has failed, and nothing is published. Three failed readings
+  in a row stop the sensor, with a `t:reason/0`. The start sends a burst and waits for its echo.
   """
 
   use BB.Sensor.Polled, options_schema: @schema
@@ -48,7 +56,7 @@ defmodule BB.Sensor.HcSr04 do
   alias BB.Message.Sensor.Range
   alias BB.Sensor.HcSr04.Echo
 
-  @typedoc "Why it does not work, besides what the lines say."
+  @typedoc "Why the sensor does not work: a reason of its lines, or of the echo."
   @type reason ::
           Line.reason()
           | {:no_echo, trigger :: Line.spec(), echo :: Line.spec()}
@@ -59,16 +67,17 @@ defmodule BB.Sensor.HcSr04 do
   @trial_ms 100
 
   @doc """
-  A reason in a sentence that says what to look at.
+  Formats a reason as a sentence that says what to check.
 
-      iex> BB.Sensor.HcSr04.explain({:no_echo, {"gpiochip0", 23}, {"gpiochip0", 24}})
-      "no echo on line 24 of gpiochip0 after a trigger on line 23 of gpiochip0: check wiring and power"
+      iex> BB.Sensor.HcSr04.explain({:echo_stuck, {"gpiochip0", 24}})
+      "the echo on line 24 of gpiochip0 does not end: check its wire, the divider and the module"
   """
   @impl BB.Sensor
   @spec explain(reason()) :: String.t()
   def explain({:no_echo, trigger, echo}),
     do:
-      "no echo on #{Line.name(echo)} after a trigger on #{Line.name(trigger)}: check wiring and power"
+      "no echo on #{Line.name(echo)} after a trigger on #{Line.name(trigger)}: check wiring " <>
+        "and power"
 
   def explain({:echo_stuck, echo}),
     do: "the echo on #{Line.name(echo)} does not end: check its wire, the divider and the module"
@@ -90,7 +99,7 @@ defmodule BB.Sensor.HcSr04 do
   defp open_trigger(opts),
     do: Line.open(opts[:gpio], opts[:trigger], :output, initial_value: 0)
 
-  # A wire that is broken is silent.
+  # The line stays low when the wire is broken.
   defp open_echo(opts), do: Line.open(opts[:gpio], opts[:echo], :input, pull_mode: :pulldown)
 
   defp start(trigger, echo, opts) do
@@ -103,27 +112,27 @@ defmodule BB.Sensor.HcSr04 do
       burst: :none
     }
 
-    with :ok <- Line.check_quiet(echo), do: try_out(sonar, Clock.of(opts[:bb].robot))
+    with :ok <- Line.check_quiet(echo), do: await_first_echo(sonar, Clock.of(opts[:bb].robot))
   end
 
-  # Time that is stepped does not pass while it is waited for.
-  defp try_out(sonar, :real) do
+  # A stepped clock stands still during the start.
+  defp await_first_echo(sonar, :real) do
     with {:ok, sonar} <- burst(sonar) do
-      await(sonar, System.monotonic_time(:millisecond) + @trial_ms)
+      await_echo(sonar, System.monotonic_time(:millisecond) + @trial_ms)
     end
   end
 
-  defp try_out(sonar, _stepped), do: {:ok, sonar}
+  defp await_first_echo(sonar, _stepped), do: {:ok, sonar}
 
-  defp await(%{burst: :none} = sonar, _until_ms), do: {:ok, sonar}
+  defp await_echo(%{burst: :none} = sonar, _until_ms), do: {:ok, sonar}
 
-  defp await(%{echo: %{spec: spec}} = sonar, until_ms) do
+  defp await_echo(%{echo: %{spec: spec}} = sonar, until_ms) do
     receive do
       {:circuits_gpio, ^spec, time_ns, level} ->
-        {_range, sonar} = edge(sonar, level, time_ns)
-        await(sonar, until_ms)
+        {_range, sonar} = put_edge(sonar, level, time_ns)
+        await_echo(sonar, until_ms)
     after
-      max(until_ms - System.monotonic_time(:millisecond), 0) -> {:error, missed(sonar)}
+      max(until_ms - System.monotonic_time(:millisecond), 0) -> {:error, failure(sonar)}
     end
   end
 
@@ -133,7 +142,7 @@ defmodule BB.Sensor.HcSr04 do
     Line.close(sonar.echo)
   end
 
-  # The echo of the last burst was published when it ended. What is left is what went wrong with it.
+  # A good echo was published when it ended. Only failures are left for the tick.
   @impl Polled
   def measure(%{burst: :none} = sonar, _now_ns) do
     case burst(sonar) do
@@ -142,15 +151,15 @@ defmodule BB.Sensor.HcSr04 do
     end
   end
 
-  # No burst before there was silence for a period.
+  # The next burst comes after a period of silence.
   def measure(%{burst: :noise} = sonar, _now_ns) do
     _ = Line.listen(sonar.echo, :both)
-    {:error, missed(sonar), %{sonar | burst: :none}}
+    {:error, failure(sonar), %{sonar | burst: :none}}
   end
 
   def measure(sonar, _now_ns) do
     case burst(sonar) do
-      {:ok, next} -> {:error, missed(sonar), next}
+      {:ok, next} -> {:error, failure(sonar), next}
       {:error, reason} -> {:error, reason, %{sonar | burst: :none}}
     end
   end
@@ -170,9 +179,12 @@ defmodule BB.Sensor.HcSr04 do
   end
 
   @impl BB.Sensor
-  def handle_info({:circuits_gpio, spec, time_ns, level}, %{device: %{echo: %{spec: spec}}} = s) do
-    {range, sonar} = edge(s.device, level, time_ns)
-    sensor = %{s | device: sonar}
+  def handle_info(
+        {:circuits_gpio, spec, time_ns, level},
+        %{device: %{echo: %{spec: spec}} = sonar} = sensor
+      ) do
+    {range, sonar} = put_edge(sonar, level, time_ns)
+    sensor = %{sensor | device: sonar}
     if range, do: publish({range, time_ns}, sensor)
     {:noreply, sensor}
   end
@@ -192,7 +204,7 @@ defmodule BB.Sensor.HcSr04 do
     end
   end
 
-  # A disarming takes the line and gives it back.
+  # disarm/1 takes the line over and closes it.
   defp pulse(trigger, opts) do
     with {:error, {:line_lost, _spec}} <- pulse(trigger),
          {:ok, trigger} <- open_trigger(opts),
@@ -201,34 +213,35 @@ defmodule BB.Sensor.HcSr04 do
 
   defp pulse(trigger) do
     with :ok <- Line.write(trigger, 1),
-         :ok <- hold(System.monotonic_time(:nanosecond) + @pulse_ns),
+         :ok <- busy_wait(System.monotonic_time(:nanosecond) + @pulse_ns),
          :ok <- Line.write(trigger, 0),
          do: {:ok, trigger}
   end
 
-  # Shorter than anything a timer does.
-  defp hold(until_ns),
-    do: if(System.monotonic_time(:nanosecond) < until_ns, do: hold(until_ns), else: :ok)
+  # Shorter than a timer can be.
+  defp busy_wait(until_ns),
+    do: if(System.monotonic_time(:nanosecond) < until_ns, do: busy_wait(until_ns), else: :ok)
 
-  defp edge(%{burst: :sent} = sonar, 1, time_ns), do: {nil, %{sonar | burst: {:echo, time_ns}}}
+  defp put_edge(%{burst: :sent} = sonar, 1, time_ns),
+    do: {nil, %{sonar | burst: {:echo, time_ns}}}
 
-  defp edge(%{burst: {:echo, rise_ns}} = sonar, 0, time_ns) do
+  defp put_edge(%{burst: {:echo, rise_ns}} = sonar, 0, time_ns) do
     case Echo.range(time_ns - rise_ns, sonar.speed, sonar.limits) do
-      :too_short -> noise(sonar)
+      :too_short -> ignore_edges(sonar)
       range -> {range, %{sonar | burst: :none}}
     end
   end
 
-  defp edge(%{burst: :noise} = sonar, _level, _time_ns), do: {nil, sonar}
-  defp edge(sonar, _level, _time_ns), do: noise(sonar)
+  defp put_edge(%{burst: :noise} = sonar, _level, _time_ns), do: {nil, sonar}
+  defp put_edge(sonar, _level, _time_ns), do: ignore_edges(sonar)
 
-  # A line that is lost is found out by the next reading.
-  defp noise(sonar) do
+  # If the line is lost here, the next reading finds it out.
+  defp ignore_edges(sonar) do
     _ = Line.listen(sonar.echo, :none)
     {nil, %{sonar | burst: :noise}}
   end
 
-  defp missed(%{burst: :sent} = sonar), do: {:no_echo, sonar.trigger.spec, sonar.echo.spec}
-  defp missed(%{burst: :noise} = sonar), do: {:noise, sonar.echo.spec}
-  defp missed(sonar), do: {:echo_stuck, sonar.echo.spec}
+  defp failure(%{burst: :sent} = sonar), do: {:no_echo, sonar.trigger.spec, sonar.echo.spec}
+  defp failure(%{burst: :noise} = sonar), do: {:noise, sonar.echo.spec}
+  defp failure(sonar), do: {:echo_stuck, sonar.echo.spec}
 end

@@ -13,47 +13,60 @@ defmodule BB.Sensor.Ina219 do
       type: BB.Unit.option(:ampere, 0.001, 1000),
       default: 3.2,
       doc:
-        "The greatest current to be measured: a number of A or a unit of current. With the shunt it is at most 0.32 V."
+        "The greatest current to measure: a number of A or a unit of current. It may cause at " <>
+          "most 0.32 V across the shunt."
     ],
     voltage_range: [
       type: {:in, [16, 32]},
       default: 32,
-      doc:
-        "The greatest voltage to be measured, in V: 16 or 32 (but no more than 26 on the pins)."
+      doc: "The greatest voltage to measure, in V: 16 or 32 (but at most 26 on the pins)."
     ]
   ]
 
   @schema Device.options(
             address: 0x40..0x4F,
             default: 0x40,
-            doc: "0x40, or up to 0x4F as the pins A0 and A1 say."
+            doc: "0x40, or up to 0x4F by the pins A0 and A1."
           ) ++ Polled.options(rate: {1, 500}, default: 10) ++ @own
 
   @moduledoc """
-  The Texas Instruments INA219: voltage, current and power of a rail, on I2C (SBOS448G).
+  The Texas Instruments INA219 on I2C: voltage, current and power of a rail (SBOS448G).
 
-      sensor :battery, {BB.Sensor.Ina219, bus: "i2c-1", shunt: ~u(10 milliohm), max_current: ~u(20 ampere), voltage_range: 16}
+  Use it for a battery or another supply.
 
-  Publishes `BB.Message.Sensor.PowerState`: the rail's voltage, the current, whose sign is that of the voltage across the shunt, the
-  power, and the voltage across the shunt.
+      sensor :battery,
+             {BB.Sensor.Ina219,
+              bus: "i2c-1",
+              shunt: ~u(10 milliohm),
+              max_current: ~u(20 ampere),
+              voltage_range: 16}
+
+  It publishes `BB.Message.Sensor.PowerState`: the voltage of the rail, the current, the power,
+  and the voltage across the shunt, which has the sign of the current.
 
   ## Options
 
   #{BB.Options.docs(@schema)}
 
-  `shunt` and `max_current` give the chip's calibration: the current has steps of about `max_current` / 2¹⁵ (100 µA by default), and the
-  shunt's voltage the smallest range that fits, 40, 80, 160 or 320 mV.
+  `shunt` and `max_current` set the chip's calibration. The current has steps of about
+  `max_current` / 2¹⁵ (100 µA by default), and the shunt's voltage has the smallest range that
+  fits: 40, 80, 160 or 320 mV.
 
   ## Rates
-  The chip measures all the time, and averages as many samples as fit into 0.8 periods of `rate`, up to 128: 64 samples (68 ms) at 10 Hz, one
-  (1.1 ms) above 300 Hz. A reading is published once: the chip says whether it has measured since it was last read.
 
-  ## What goes wrong
-  The chip has no identity to ask for. It is reset, and what has not the INA219's value in its configuration then is another chip.
+  The chip measures all the time, and averages as many samples as fit into 0.8 periods of `rate`,
+  up to 128: 64 samples (68 ms) at 10 Hz, one sample (1.1 ms) above 300 Hz. A reading is published
+  once, because the chip reports whether it has measured since the last read.
 
-  A current or a voltage beyond what was set up is no reading but a fault, `:overflow`: the true value is not known. A chip that lost
-  its power has lost its calibration, and would show a current of 0: that is noticed, and the sensor stops at once to set it up again.
-  One that has stopped measuring is a fault, `:idle`. For the rest see `BB.Sensor.Polled`.
+  ## Faults
+
+  The chip has no identity. It is reset, and a chip without the INA219's value in its
+  configuration afterwards is another chip.
+
+  A current or a voltage beyond its range is the fault `:overflow`, because its true value is not
+  known. A chip that lost its power has lost its calibration, and would show a current of 0. The
+  sensor detects this and stops at once, so that the chip is set up again. A chip that has stopped
+  measuring is the fault `:idle`. `BB.Sensor.Polled` describes the other faults.
   """
 
   use Polled, options_schema: @schema
@@ -70,9 +83,10 @@ defmodule BB.Sensor.Ina219 do
   @typedoc """
   Why the sensor does not work: a reason of every device (`t:BB.Bus.I2C.Device.reason/0`), or
 
-  - `:overflow`: current or voltage are beyond their ranges; bus, then address;
+  - `:overflow`: current or voltage are beyond their ranges, with bus and address;
   - `:idle`: the chip has not measured for some periods;
-  - `:shunt_too_large`: with `max_current` the shunt would have that voltage, in V, more than the chip can measure.
+  - `:shunt_too_large`: `max_current` would cause that voltage across the shunt, in V, which is
+    more than the chip can measure.
   """
   @type reason ::
           Device.reason()
@@ -81,12 +95,10 @@ defmodule BB.Sensor.Ina219 do
           | {:shunt_too_large, float()}
 
   @doc """
-  A reason in a sentence that says what to look at.
+  Formats a reason as a sentence that says what to check.
 
-      iex> BB.Sensor.Ina219.explain({:overflow, "i2c-1", 0x40})
-      "current or voltage at 0x40 on i2c-1 are beyond what was set up: check the load, and the options max_current, shunt and voltage_range"
-      iex> BB.Sensor.Ina219.explain({:shunt_too_large, 0.5})
-      "max_current makes 0.5 V across the shunt, and the chip measures at most 0.32 V: take a smaller shunt or a smaller max_current"
+      iex> BB.Sensor.Ina219.explain({:idle, "i2c-1", 0x40})
+      "the chip at 0x40 on i2c-1 has stopped measuring: check its supply"
   """
   @impl BB.Sensor
   @spec explain(reason()) :: String.t()
@@ -100,8 +112,8 @@ defmodule BB.Sensor.Ina219 do
 
   def explain({:shunt_too_large, volts}),
     do:
-      "max_current makes #{volts} V across the shunt, and the chip measures at most #{Registers.most_shunt_voltage()} V: " <>
-        "take a smaller shunt or a smaller max_current"
+      "max_current causes #{volts} V across the shunt, and the chip measures at most " <>
+        "#{Registers.most_shunt_voltage()} V: use a smaller shunt or a smaller max_current"
 
   def explain(reason), do: Device.explain(reason)
 
@@ -138,7 +150,7 @@ defmodule BB.Sensor.Ina219 do
     }
   end
 
-  # A fault that is there from the start is the start's.
+  # A fault fails the start, so that the sensor does not go up and down.
   defp start(chip) do
     with :ok <- Device.write(chip.device, Registers.configuration(), Registers.reset()),
          :ok <- Process.sleep(@reset_ms),
@@ -183,7 +195,7 @@ defmodule BB.Sensor.Ina219 do
     with {:ok, shunt_voltage} <- read_shunt(chip, bus),
          {:ok, current} <- Device.read(chip.device, Registers.current(), 2),
          {:ok, power} <- Device.read(chip.device, Registers.power(), 2),
-         :ok <- believe(current, chip) do
+         :ok <- check_current(current, chip) do
       reading = %{
         voltage: bus.voltage,
         shunt_voltage: shunt_voltage,
@@ -197,13 +209,15 @@ defmodule BB.Sensor.Ina219 do
 
   defp read_bus(chip) do
     case Device.read(chip.device, Registers.bus_voltage(), 2) do
-      {:ok, bytes} -> bytes |> Registers.decode_bus() |> overflow(chip)
+      {:ok, bytes} -> bytes |> Registers.decode_bus() |> check_overflow(chip)
       {:error, reason} -> {:error, reason}
     end
   end
 
-  defp overflow(%{overflow?: true}, chip), do: {:error, Device.fault(chip.device, :overflow)}
-  defp overflow(bus, _chip), do: {:ok, bus}
+  defp check_overflow(%{overflow?: true}, chip),
+    do: {:error, Device.fault(chip.device, :overflow)}
+
+  defp check_overflow(bus, _chip), do: {:ok, bus}
 
   defp read_shunt(chip, bus) do
     with {:ok, bytes} <- Device.read(chip.device, Registers.shunt_voltage(), 2) do
@@ -215,9 +229,9 @@ defmodule BB.Sensor.Ina219 do
     end
   end
 
-  # Without its calibration the chip shows no current.
-  defp believe(@no_current, chip), do: expect_calibration(chip, :restarted)
-  defp believe(_current, _chip), do: :ok
+  # A current of 0 can mean that the calibration is lost.
+  defp check_current(@no_current, chip), do: expect_calibration(chip, :restarted)
+  defp check_current(_current, _chip), do: :ok
 
   @impl Polled
   def publish(reading, sensor),

@@ -5,80 +5,100 @@ defmodule BB.Sensor.Mpu6050 do
     model: [
       type: {:in, [nil | Registers.models()]},
       default: nil,
-      doc:
-        "`:mpu6050`, `:mpu6500` or `:mpu9250`, and no other; when `nil`, whichever of them it is."
+      doc: "`:mpu6050`, `:mpu6500` or `:mpu9250`; when `nil`, any of them."
     ],
     accel_range: [
       type: {:in, Registers.accel_ranges()},
       default: 4,
-      doc: "The accelerometer's full scale in g: 2, 4, 8 or 16, to either side."
+      doc: "The accelerometer's full scale in g: ±2, ±4, ±8 or ±16."
     ],
     gyro_range: [
       type: {:in, Registers.gyro_ranges()},
       default: 500,
-      doc:
-        "The gyroscope's full scale in degrees a second: 250, 500, 1000 or 2000, to either side."
+      doc: "The gyroscope's full scale in degrees a second: ±250, ±500, ±1000 or ±2000."
     ],
     filter: [
       type: {:in, Registers.filters()},
       default: 44,
       doc:
-        "The low-pass filter's bandwidth in Hz: 5, 10, 20, 44, 94, 184, or 260 for none. Keep it below half the rate."
+        "The low-pass filter's bandwidth in Hz: 5, 10, 20, 44, 94, 184, or 260 for none. Keep " <>
+          "it below half the rate."
     ],
     fifo: [
       type: :boolean,
       default: false,
-      doc: "Whether samples wait in the chip's FIFO until they are read; needs `:interrupt`."
+      doc: "Whether samples wait in the chip's FIFO until they are read. Needs `:interrupt`."
     ]
   ]
 
   @schema BB.Bus.I2C.Device.options(
             address: [0x68, 0x69],
             default: 0x68,
-            doc: "0x68, or 0x69 where the pin AD0 is high."
+            doc: "0x68, or 0x69 when the pin AD0 is high."
           ) ++
             BB.Sensor.Polled.options(rate: {4, 1000}, default: 100) ++
             @own ++ DataReady.options()
 
   @moduledoc """
-  The InvenSense MPU-6050, and its successors MPU-6500 and MPU-9250: acceleration and rotation in three axes, on I2C.
+  The InvenSense MPU-6050 on I2C, and its successors MPU-6500 and MPU-9250: acceleration and
+  rotation in three axes.
+
+  Use it as the robot's IMU.
 
       sensor :imu, {BB.Sensor.Mpu6050, bus: "i2c-1", rate: ~u(200 hertz), filter: 94}
 
-      sensor :imu, {BB.Sensor.Mpu6050, bus: "i2c-1", rate: ~u(1 kilohertz), filter: 184, interrupt: {"gpiochip0", 4}, fifo: true}
+      sensor :imu,
+             {BB.Sensor.Mpu6050,
+              bus: "i2c-1",
+              rate: ~u(1 kilohertz),
+              filter: 184,
+              interrupt: {"gpiochip0", 4},
+              fifo: true}
 
-  Publishes `BB.Message.Sensor.Imu` in the chip's axes: m/s² and rad/s. The chip does not know its orientation, so that is the
-  identity with `BB.Math.Covariance3.unavailable/0`, as ROS has it; the other covariances are `nil`, unknown.
+  It publishes `BB.Message.Sensor.Imu` in the chip's axes, in m/s² and rad/s. The chip does not
+  measure its orientation, so that is the identity with `BB.Math.Covariance3.unavailable/0`, as in
+  ROS. The other covariances are `nil`, unknown.
 
   ## Options
 
   #{BB.Options.docs(@schema)}
 
   ## Rates
-  Without `interrupt:` the message rate is exactly `rate`, kept by `BB.Loop`. The chip itself samples at 1000 Hz (8000 Hz with the filter 260) divided
-  by 1 to 256, and is set to the slowest such rate that is not below `rate`: 100 Hz for 100 Hz, 333.3 Hz for 300 Hz. What is
-  published is the chip's latest sample at the time of reading, at most one of its periods old. The two clocks are not one, so at
-  equal rates a sample may be left out or be read twice once in a while; a rate that the chip exceeds has no such doubles.
 
-  ## Each sample, with its own time
-  With `interrupt:` the chip sets the pace. Its pin INT, wired to that line, tells of each sample, and the message of a sample has the time at
-  which the kernel saw the edge, put on the robot's clock (`BB.Sensor.Mpu6050.Stamps`). The message rate is then the chip's own rate, the slowest that
-  is not below `rate`, by the chip's clock. A sample that is not read before the next one comes is left out.
+  Without `interrupt:` the message rate is exactly `rate`, by `BB.Loop`. The chip samples at 1000
+  Hz (8000 Hz with the filter 260) divided by 1 to 256, and is set to the slowest such rate that
+  is not below `rate`: 100 Hz for 100 Hz, 333.3 Hz for 300 Hz. The sensor publishes the chip's
+  latest sample, at most one of the chip's periods old. Chip and robot have different clocks, so
+  at equal rates a sample is left out or read twice now and then. At a rate below the chip's, no
+  sample is read twice.
 
-  With `fifo: true` too none is: samples wait in the chip, for up to 73 ms at 1 kHz (36 ms in the successors). If that is not enough the sensor stops with
-  the reason `:overflow`, and begins anew. A reading costs two short transfers more, and reads all samples that wait.
+  ## The time of each sample
 
-  No edge at all, at the start or for three looks (which are 50 ms apart, or two samples), is the reason `:no_interrupt`.
+  With `interrupt:` the chip sets the rate. Its pin INT, wired to that line, signals each sample.
+  The message of a sample has the kernel's timestamp of the edge, converted to the robot's clock
+  (`BB.Sensor.Mpu6050.Stamps`). The message rate is then the chip's own rate, the slowest that is
+  not below `rate`, by the chip's clock. A sample that is not read before the next one is left
+  out.
 
-  ## What goes wrong
-  A reading is published when it was read, or not at all. After three failed readings in a row the sensor stops, with a reason of
-  `t:BB.Sensor.Mpu6050.DataReady.reason/0`, and is started again as its robot's supervision says. A chip that lost its power for a moment has
-  forgotten its settings: each reading looks for one of them, and the sensor stops at once to set it up again.
+  With `fifo: true` no sample is left out. Samples wait in the chip, for up to 73 ms at 1 kHz (36
+  ms in the successors). If that is not enough, the sensor stops with the reason `:overflow` and
+  starts again. A reading needs two more short transfers, and reads all samples that wait.
 
-  Starting identifies and resets the chip, waits 100 ms, wakes it, sets it and reads the settings back, and waits 30 ms until the
-  gyroscope has settled. The sensor is up when that is done, and the first reading follows within a period.
+  The sensor checks for edges every 50 ms, or every two samples if that is longer. No edge at the
+  start, or in three checks in a row, is the fault `:no_interrupt`.
 
-  With one sensor a tick costs one transfer of 18 bytes: 0.5 ms at 400 kHz.
+  ## Faults
+
+  After three failed readings in a row the sensor stops, with a
+  `t:BB.Sensor.Mpu6050.DataReady.reason/0`, and its robot restarts it. A chip that lost its power
+  for a moment has lost its settings. Each reading checks one of them, and the sensor stops at
+  once, so that the chip is set up again.
+
+  The start identifies and resets the chip, waits 100 ms, wakes it, writes the settings and reads
+  them back, and waits 30 ms until the gyroscope has settled. Then the sensor is up, and the first
+  reading follows within a period.
+
+  A reading makes one transfer of 18 bytes: 0.5 ms at 400 kHz.
   """
 
   use BB.Sensor.Polled, options_schema: @schema
@@ -94,7 +114,7 @@ defmodule BB.Sensor.Mpu6050 do
 
   @impl BB.Sensor
   def explain(:fifo_without_interrupt),
-    do: "fifo: true needs interrupt: set it to the line that the pin INT is wired to"
+    do: "fifo: true needs interrupt: set it to the line of the pin INT"
 
   def explain(reason) when DataReady.is_reason(reason), do: DataReady.explain(reason)
   def explain(reason), do: Device.explain(reason)
@@ -106,7 +126,7 @@ defmodule BB.Sensor.Mpu6050 do
 
   @impl BB.Sensor.Polled
   def pace(opts) do
-    if opts[:interrupt], do: DataReady.looks_hz(sample_rate_hz(opts)), else: opts[:rate]
+    if opts[:interrupt], do: DataReady.checks_hz(sample_rate_hz(opts)), else: opts[:rate]
   end
 
   defp sample_rate_hz(opts),
@@ -118,20 +138,20 @@ defmodule BB.Sensor.Mpu6050 do
 
     if opts[:fifo] and not pulses?,
       do: {:error, :fifo_without_interrupt},
-      else: Device.open(opts, &prepare(&1, opts, pulses?))
+      else: Device.open(opts, &start(&1, opts, pulses?))
   end
 
-  defp prepare(device, opts, pulses?) do
+  defp start(device, opts, pulses?) do
     chip = %Chip{device: device, settings: settings(opts), pulses?: pulses?}
 
-    with {:ok, chip} <- start(chip, opts[:model]),
+    with {:ok, chip} <- set_up(chip, opts[:model]),
          do: if(pulses?, do: DataReady.open(chip, opts, clock(opts)), else: {:ok, chip})
   end
 
   defp clock(opts), do: Clock.of(opts[:bb].robot)
 
-  # The waits are the data sheet's.
-  defp start(chip, model) do
+  # The waiting times are those of the datasheet.
+  defp set_up(chip, model) do
     with {:ok, chip} <- Chip.identify(chip, model),
          :ok <- Chip.reset(chip),
          :ok <- Process.sleep(Chip.reset_ms()),
@@ -150,7 +170,7 @@ defmodule BB.Sensor.Mpu6050 do
   end
 
   @impl BB.Sensor.Polled
-  def measure(%DataReady{} = device, _now_ns), do: DataReady.look(device)
+  def measure(%DataReady{} = device, _now_ns), do: DataReady.check_edges(device)
 
   def measure(chip, _now_ns) do
     with {:ok, reading, _new?} <- Chip.sample(chip), do: {:ok, [{nil, reading}], chip}
@@ -158,7 +178,7 @@ defmodule BB.Sensor.Mpu6050 do
 
   @impl BB.Sensor
   def handle_info({:circuits_gpio, _spec, edge_ns, _level}, %{device: %DataReady{}} = sensor) do
-    device = DataReady.heard(sensor.device, edge_ns)
+    device = DataReady.add_edge(sensor.device, edge_ns)
     device |> DataReady.read() |> Polled.outcome(%{sensor | device: device})
   end
 

@@ -9,7 +9,8 @@ defmodule BB.Sensor.QuadratureEncoder do
               type: :pos_integer,
               required: true,
               doc:
-                "Pulses of one channel in a turn of the encoder's shaft, as its datasheet says; four counts each."
+                "Pulses of one channel in a turn of the encoder's shaft, from its datasheet. " <>
+                  "Each has four counts."
             ],
             pull: [
               type: {:in, [:pullup, :pulldown, :none]},
@@ -21,60 +22,75 @@ defmodule BB.Sensor.QuadratureEncoder do
             Keyword.take(Polled.options(rate: {1, 200}, default: 50), [:rate])
 
   @moduledoc """
-  A quadrature encoder: the angle of a wheel or a motor's shaft, and how fast it turns. On two GPIO lines.
+  A quadrature encoder on two GPIO lines: the angle and the velocity of a wheel or a motor's
+  shaft.
+
+  Use it as a sensor of a joint.
 
       joint :left_wheel do
         type :continuous
-        sensor :encoder, {BB.Sensor.QuadratureEncoder, a: {"gpiochip0", 5}, b: {"gpiochip0", 6}, pulses: 11} do
-          transmission do reduction 34.0 end
+
+        sensor :encoder,
+               {BB.Sensor.QuadratureEncoder,
+                a: {"gpiochip0", 5}, b: {"gpiochip0", 6}, pulses: 11} do
+          transmission do
+            reduction 34.0
+          end
         end
       end
 
-  Publishes `BB.Message.Sensor.JointState` with position (rad, 0 where the shaft was when the sensor started) and velocity (rad/s),
-  both in the space of its joint: gears and a wheel that turns the other way belong into the transmission.
+  It publishes `BB.Message.Sensor.JointState` with position (rad, 0 at the start of the sensor)
+  and velocity (rad/s), both in the space of its joint. Declare gears and a wheel that turns the
+  other way in the transmission.
 
   ## Options
 
   #{BB.Options.docs(@schema)}
 
-  ## How fast
-  Each edge is an interrupt and a message with the kernel's time stamp: count on ten thousand a second, which leave half a processor of
-  a small board to others. A faster shaft needs a counter in hardware. Velocity is that between edges
-  (`BB.Sensor.QuadratureEncoder.Counter`), exact also where a period of the rate has only one or two of them.
+  ## Velocity
 
-  ## What goes wrong
-  The position is relative: what is lost while the sensor is down is lost, and it starts at 0 again. `:one_line` stops the sensor when a hundred edges in a row
-  come from one line, because the other's wire is broken or this one has noise; `:missed_edges` when more than one in ten is lost in
-  a period. Neither can be told from a wheel at rest while there are no edges. Three readings in a row that fail stop it with a `t:BB.Bus.GPIO.Line.reason/0`.
+  Each edge is an interrupt and a message with the kernel's timestamp. Ten thousand edges a second
+  use half a processor of a small board. A faster shaft needs a counter in hardware. The velocity
+  is measured between edges (`BB.Sensor.QuadratureEncoder.Counter`), so it is exact also with one
+  or two edges in a period of the rate.
+
+  ## Faults
+
+  The position is relative. Edges that come while the sensor is down are lost, and the position
+  starts at 0 again. `:one_line` stops the sensor when a hundred edges in a row come from one
+  line, because the wire of the other line is broken or this line has noise. `:missed_edges` stops
+  it when more than one edge in ten is lost in a period. Without edges, neither differs from a
+  wheel at rest. Three failed readings in a row stop it with a `t:BB.Bus.GPIO.Line.reason/0`.
   """
 
   use BB.Sensor.Polled, options_schema: @schema
 
   alias BB.Sensor.QuadratureEncoder.Counter
 
-  @typedoc "Why it does not work, besides what the lines say."
+  @typedoc "Why the sensor does not work: a reason of its lines, or of their edges."
   @type reason ::
           Line.reason()
-          | {:one_line, heard :: Line.spec(), silent :: Line.spec()}
+          | {:one_line, active :: Line.spec(), silent :: Line.spec()}
           | {:missed_edges, [Line.spec()]}
 
-  # Long enough to see noise before it is up.
+  # Long enough to find noise before the sensor is up.
   @trial_ms 20
 
   @doc """
-  A reason in a sentence that says what to look at.
+  Formats a reason as a sentence that says what to check.
 
-      iex> BB.Sensor.QuadratureEncoder.explain({:one_line, {"gpiochip0", 5}, {"gpiochip0", 6}})
-      "all edges come from line 5 of gpiochip0: check the wire of line 6 of gpiochip0, and for noise"
+      iex> BB.Sensor.QuadratureEncoder.explain({:one_line, "ENC_A", "ENC_B"})
+      "all edges come from line ENC_A: check the wire of line ENC_B, and for noise"
   """
   @impl BB.Sensor
   @spec explain(reason()) :: String.t()
-  def explain({:one_line, heard, silent}),
+  def explain({:one_line, active, silent}),
     do:
-      "all edges come from #{Line.name(heard)}: check the wire of #{Line.name(silent)}, and for noise"
+      "all edges come from #{Line.name(active)}: check the wire of #{Line.name(silent)}, and " <>
+        "for noise"
 
   def explain({:missed_edges, lines}),
-    do: "edges of #{Line.name(lines)} are lost: it turns too fast, or there is noise"
+    do: "edges of #{Line.name(lines)} are lost: reduce the speed, and check for noise"
 
   def explain(reason), do: Line.explain(reason)
 
@@ -82,40 +98,40 @@ defmodule BB.Sensor.QuadratureEncoder do
   def open(opts) do
     lines = [opts[:a], opts[:b]]
     open = fn -> Line.open(opts[:gpio], lines, :input, pull_mode: opts[:pull]) end
-    Line.open_with(open, &watch(&1, opts))
+    Line.open_with(open, &start(&1, opts))
   end
 
-  defp watch(line, opts) do
+  defp start(line, opts) do
     encoder = %{
       line: line,
       bb: opts[:bb],
       ref: make_ref(),
       radian: 2 * :math.pi() / (4 * opts[:pulses]),
       counter: Counter.new(),
-      looked_ns: nil
+      read_ns: nil
     }
 
     with :ok <- Line.subscribe(line, encoder.ref),
          :ok <- Process.sleep(@trial_ms),
          {:ok, _value} <- Line.read(line),
-         do: encoder |> catch_up() |> checked()
+         do: encoder |> count_waiting() |> check_counter()
   end
 
   @impl Polled
   def close(encoder), do: Line.close(encoder.line)
 
-  # Without edges only a reading tells that the lines are there.
+  # Without edges, only a reading finds out that the lines are lost.
   @impl Polled
   def measure(encoder, now_ns) do
-    with {:ok, _value} <- Line.read(encoder.line), {:ok, encoder} <- checked(encoder) do
+    with {:ok, _value} <- Line.read(encoder.line), {:ok, encoder} <- check_counter(encoder) do
       {rate, counter} = Counter.rate(encoder.counter, elapsed_s(encoder, now_ns))
       reading = %{position: counter.count * encoder.radian, velocity: rate * encoder.radian}
-      {:ok, reading, %{encoder | counter: counter, looked_ns: now_ns}}
+      {:ok, reading, %{encoder | counter: counter, read_ns: now_ns}}
     end
   end
 
-  defp elapsed_s(%{looked_ns: nil}, _now_ns), do: 0.0
-  defp elapsed_s(%{looked_ns: looked_ns}, now_ns), do: (now_ns - looked_ns) / 1.0e9
+  defp elapsed_s(%{read_ns: nil}, _now_ns), do: 0.0
+  defp elapsed_s(%{read_ns: read_ns}, now_ns), do: (now_ns - read_ns) / 1.0e9
 
   @impl Polled
   def publish(reading, %{bb: bb}) do
@@ -127,7 +143,7 @@ defmodule BB.Sensor.QuadratureEncoder do
 
   @impl BB.Sensor
   def handle_info({:circuits_gpio, %{ref: ref} = edge}, %{device: %{ref: ref}} = sensor) do
-    case sensor.device |> count(edge) |> checked() do
+    case sensor.device |> count(edge) |> check_counter() do
       {:ok, encoder} -> {:noreply, %{sensor | device: encoder}}
       {:error, reason} -> {:stop, {:shutdown, reason}, sensor}
     end
@@ -140,15 +156,15 @@ defmodule BB.Sensor.QuadratureEncoder do
     %{encoder | counter: counter}
   end
 
-  defp catch_up(%{ref: ref} = encoder) do
+  defp count_waiting(%{ref: ref} = encoder) do
     receive do
-      {:circuits_gpio, %{ref: ^ref} = edge} -> encoder |> count(edge) |> catch_up()
+      {:circuits_gpio, %{ref: ^ref} = edge} -> encoder |> count(edge) |> count_waiting()
     after
       0 -> encoder
     end
   end
 
-  defp checked(%{line: %{spec: [a, b] = lines}} = encoder) do
+  defp check_counter(%{line: %{spec: [a, b] = lines}} = encoder) do
     case Counter.fault(encoder.counter) do
       nil -> {:ok, encoder}
       {:one_line, :a} -> {:error, {:one_line, a, b}}

@@ -8,50 +8,60 @@ defmodule BB.Sensor.TfLuna do
       type: {:in, [:continuous, :triggered]},
       default: :continuous,
       doc:
-        "Whether the chip measures by itself, or each time that it was read, which keeps several of them from dazzling one another."
+        "Whether the chip measures by itself, or after each reading, which keeps several " <>
+          "chips from dazzling one another."
     ],
     min_signal: [
       type: {:in, Registers.least_signal()..(Registers.overexposed() - 1)},
       default: Registers.least_signal(),
-      doc: "A weaker signal, in the chip's own measure, is taken for nothing in reach."
+      doc: "A weaker signal, in the chip's own unit, is `:infinity`."
     ]
   ]
 
   @schema Device.options(
             address: 0x08..0x77,
             default: 0x10,
-            doc: "0x10, unless the chip was told another."
+            doc: "0x10, unless the chip was set to another."
           ) ++ Polled.options(rate: {1, 200}, default: 50) ++ @own
 
   @moduledoc """
-  The Benewake TF-Luna: a distance of 0.2 m to 8 m, by infrared light, on I2C (SJ-PM-TF-Luna A05; its pin 5 must be wired to ground).
+  The Benewake TF-Luna on I2C: a distance of 0.2 m to 8 m by infrared light (SJ-PM-TF-Luna A05).
+
+  Use it as a range finder. Wire its pin 5 to ground, which selects I2C.
 
       sensor :front, {BB.Sensor.TfLuna, bus: "i2c-1", rate: ~u(100 hertz)}
 
-  Publishes `BB.Message.Sensor.Range`: in m, and `:infinity` when what comes back is too weak, or comes from beyond 8 m. Below 0.2 m the chip still
-  shows a distance, which is nearer than `min_range` and not to be relied on. The light is class 1, harmless to eyes, so there is
-  nothing to disarm.
+  It publishes `BB.Message.Sensor.Range` in m, or `:infinity` when the reflected light is too weak
+  or comes from beyond 8 m. Below 0.2 m the chip still measures a distance, which is below
+  `min_range` and not reliable. The light is class 1, harmless to eyes, so there is nothing to
+  disarm.
 
   ## Options
 
   #{BB.Options.docs(@schema)}
 
   ## Rates
-  A measurement has the chip's time, in ms, and is published once: when that has changed since the last one. In the mode `:continuous`
-  the chip is set to measure more often than it is read: at 1, 2, 4, 5, 10, 20, 25, 50, 100, 125 or 250 Hz, the slowest above `rate`. In the mode
-  `:triggered` each reading orders the next measurement, and a message has the time at which its own was ordered.
 
-  The chip may change its registers while they are read. So it is read until it shows the same twice.
+  A measurement has the chip's time in ms. It is published once, when that time has changed. In
+  the mode `:continuous` the chip measures more often than it is read: at 1, 2, 4, 5, 10, 20, 25,
+  50, 100, 125 or 250 Hz, the slowest above `rate`. In the mode `:triggered` each reading starts
+  the next measurement, and a message has the time at which its measurement was started.
+
+  The chip can change its registers while they are read. So the sensor reads until two reads are
+  equal.
 
   ## Settings
-  The chip takes a new mode or rate only when it has kept them and was restarted. When they are not as they should be, the first start
-  does that, once; it takes a moment.
 
-  ## What goes wrong
-  Too much light, as from the sun or a reflector nearby, is a fault, `:dazzled`: nothing is known then. So is a chip that answers and has not
-  measured for some periods, `:idle`. For the rest see `BB.Sensor.Polled`.
+  The chip uses a new mode or rate only after storing it and restarting. When its settings differ,
+  the first start does this once. It takes a moment.
 
-  A reading costs two transfers of 11 bytes, 0.5 ms at 400 kHz.
+  ## Faults
+
+  Too much light, as from the sun or a reflector nearby, is the fault `:dazzled`, because the
+  distance is not known then. A chip that answers and has not measured for some periods is the
+  fault `:idle`. `BB.Sensor.Polled` describes the other faults.
+
+  A reading makes two transfers of 11 bytes: 0.5 ms at 400 kHz.
   """
 
   use Polled, options_schema: @schema
@@ -60,36 +70,38 @@ defmodule BB.Sensor.TfLuna do
   alias BB.Message.Sensor.Range
 
   @enforce_keys [:device, :settings, :min_signal]
-  defstruct [:device, :settings, :min_signal, :tick, :ordered_ns]
+  defstruct [:device, :settings, :min_signal, :tick, :started_ns]
 
   @most_readings 4
   @reboot_poll_ms 50
   @most_polls 60
 
   @typedoc """
-  Why the sensor does not work: a reason of every device (`t:BB.Bus.I2C.Device.reason/0`), or, with bus and address,
+  Why the sensor does not work: a reason of every device (`t:BB.Bus.I2C.Device.reason/0`), or,
+  with bus and address,
 
-  - `:dazzled`: the receiver sees too much light;
+  - `:dazzled`: the receiver gets too much light;
   - `:idle`: the chip answers, and has not measured for some periods.
   """
   @type reason :: Device.reason() | {:dazzled | :idle, String.t(), Device.address()}
 
   @doc """
-  A reason in a sentence that says what to look at.
+  Formats a reason as a sentence that says what to check.
 
-      iex> BB.Sensor.TfLuna.explain({:dazzled, "i2c-1", 0x10})
-      "the range finder at 0x10 on i2c-1 sees too much light: look for the sun, a reflector, or another one that shines at it"
+      iex> BB.Sensor.TfLuna.explain({:idle, "i2c-1", 0x10})
+      "the range finder at 0x10 on i2c-1 answers, but has stopped measuring: check its supply"
   """
   @impl BB.Sensor
   @spec explain(reason()) :: String.t()
   def explain({:dazzled, bus, address}),
     do:
-      "the range finder at #{Device.place(bus, address)} sees too much light: " <>
-        "look for the sun, a reflector, or another one that shines at it"
+      "the range finder at #{Device.place(bus, address)} gets too much light: check for the " <>
+        "sun, reflectors, and other range finders that point at it"
 
   def explain({:idle, bus, address}),
     do:
-      "the range finder at #{Device.place(bus, address)} answers, but has stopped measuring: check its supply"
+      "the range finder at #{Device.place(bus, address)} answers, but has stopped measuring: " <>
+        "check its supply"
 
   def explain(reason), do: Device.explain(reason)
 
@@ -100,12 +112,13 @@ defmodule BB.Sensor.TfLuna do
     Device.open(opts, &start(%{chip | device: &1}))
   end
 
-  # Too much light from the start is the start's fault. What was measured before it is no reading.
+  # Too much light fails the start, so that the sensor does not go up and down. A measurement from
+  # before the start is no reading.
   defp start(chip) do
     with :ok <- identify(chip),
          :ok <- set_up(chip, expect_settings(chip, :not_configured)),
          {:ok, measurement} <- read(chip),
-         {:ok, _range} <- judge(measurement, chip),
+         {:ok, _range} <- to_range(measurement, chip),
          do: {:ok, %{chip | tick: measurement.tick}}
   end
 
@@ -119,17 +132,17 @@ defmodule BB.Sensor.TfLuna do
          :ok <- Device.write(chip.device, Registers.fps(), fps),
          :ok <- command(chip, Registers.save()),
          :ok <- command(chip, Registers.reboot()),
-         :ok <- await(chip, @most_polls),
+         :ok <- await_restart(chip, @most_polls),
          do: expect_settings(chip, :not_configured)
   end
 
   defp set_up(_chip, ok_or_error), do: ok_or_error
 
-  defp await(chip, polls) do
+  defp await_restart(chip, polls) do
     Process.sleep(@reboot_poll_ms)
 
     case identify(chip) do
-      {:error, {:no_answer, _bus, _address}} when polls > 1 -> await(chip, polls - 1)
+      {:error, {:no_answer, _bus, _address}} when polls > 1 -> await_restart(chip, polls - 1)
       answer -> answer
     end
   end
@@ -146,24 +159,25 @@ defmodule BB.Sensor.TfLuna do
 
   defp command(chip, {register, bytes}), do: Device.write(chip.device, register, bytes)
 
-  # At its start the chip shows zeros, which are no measurement of an empty room.
+  # After its start the chip has zeros, which are no measurement.
   @impl Polled
   def measure(chip, now_ns) do
     case read(chip) do
-      {:ok, %{tick: tick}} when tick in [0, chip.tick] -> idle(chip, now_ns)
-      {:ok, measurement} -> measured(measurement, chip, now_ns)
+      {:ok, %{tick: tick}} when tick in [0, chip.tick] -> no_measurement(chip, now_ns)
+      {:ok, measurement} -> put_measurement(measurement, chip, now_ns)
       {:error, reason} -> {:error, reason}
     end
   end
 
-  # Two that are the same were not changed meanwhile. On a bus so busy that each finds a newer measurement, the last must do.
+  # Two equal reads were not changed in between. On a bus so busy that each read has a newer
+  # measurement, the last one counts.
   defp read(chip) do
-    with {:ok, bytes} <- read_once(chip), do: read_again(bytes, chip, @most_readings - 1)
+    with {:ok, bytes} <- read_once(chip), do: read_until_equal(bytes, chip, @most_readings - 1)
   end
 
-  defp read_again(bytes, chip, left) do
+  defp read_until_equal(bytes, chip, left) do
     case read_once(chip) do
-      {:ok, other} when other != bytes and left > 1 -> read_again(other, chip, left - 1)
+      {:ok, other} when other != bytes and left > 1 -> read_until_equal(other, chip, left - 1)
       {:ok, same} -> {:ok, Registers.decode(same)}
       {:error, reason} -> {:error, reason}
     end
@@ -172,32 +186,32 @@ defmodule BB.Sensor.TfLuna do
   defp read_once(chip),
     do: Device.read(chip.device, Registers.dist_low(), Registers.measurement_size())
 
-  defp measured(measurement, chip, now_ns) do
+  defp put_measurement(measurement, chip, now_ns) do
     age_ns = age_ns(chip, now_ns)
 
-    with {:ok, chip} <- order(%{chip | tick: measurement.tick}, now_ns) do
-      case judge(measurement, chip) do
+    with {:ok, chip} <- start_measurement(%{chip | tick: measurement.tick}, now_ns) do
+      case to_range(measurement, chip) do
         {:ok, range} -> {:ok, %{range: range, age_ns: age_ns}, chip}
         {:error, reason} -> {:error, reason, chip}
       end
     end
   end
 
-  defp age_ns(%{ordered_ns: nil}, _now_ns), do: 0
-  defp age_ns(%{ordered_ns: ordered_ns}, now_ns), do: now_ns - ordered_ns
+  defp age_ns(%{started_ns: nil}, _now_ns), do: 0
+  defp age_ns(%{started_ns: started_ns}, now_ns), do: now_ns - started_ns
 
-  defp idle(chip, now_ns) do
-    with {:ok, chip} <- order(chip, now_ns),
+  defp no_measurement(chip, now_ns) do
+    with {:ok, chip} <- start_measurement(chip, now_ns),
          do: {:none, Device.fault(chip.device, :idle), chip}
   end
 
-  defp order(%{settings: %{mode: :continuous}} = chip, _now_ns), do: {:ok, chip}
+  defp start_measurement(%{settings: %{mode: :continuous}} = chip, _now_ns), do: {:ok, chip}
 
-  defp order(chip, now_ns) do
-    with :ok <- command(chip, Registers.trigger()), do: {:ok, %{chip | ordered_ns: now_ns}}
+  defp start_measurement(chip, now_ns) do
+    with :ok <- command(chip, Registers.trigger()), do: {:ok, %{chip | started_ns: now_ns}}
   end
 
-  defp judge(measurement, chip) do
+  defp to_range(measurement, chip) do
     {_nearest, farthest} = Registers.ranges()
 
     cond do

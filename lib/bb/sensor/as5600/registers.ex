@@ -1,14 +1,17 @@
 defmodule BB.Sensor.As5600.Registers do
   @moduledoc """
-  The registers of the AS5600, as bytes and as terms (ams datasheet v1-06, figures 21 and 22). Pure.
+  Encodes and decodes the registers of the AS5600 (ams datasheet v1-06, figures 21 and 22).
 
-  Angles are in steps, 4096 of which are a turn.
+  `BB.Sensor.As5600` uses it. Angles are in steps, of which a turn has 4096. The module is pure.
+
+      iex> BB.Sensor.As5600.Registers.decode_angle(<<0x0F, 0xFF>>)
+      4095
   """
 
-  @typedoc "How strong the magnet is, as STATUS has it."
+  @typedoc "The strength of the magnet, from STATUS."
   @type magnet :: :good | :too_weak | :too_strong | :missing
 
-  @typedoc "What the driver sets in CONF: how many samples the slow filter takes, and the hysteresis in steps."
+  @typedoc "The settings in CONF: the samples of the slow filter, and the hysteresis in steps."
   @type settings :: %{filter: 2 | 4 | 8 | 16, hysteresis: 0..3}
 
   @steps 4096
@@ -16,23 +19,33 @@ defmodule BB.Sensor.As5600.Registers do
   # SF
   @filters %{0b00 => 16, 0b01 => 8, 0b10 => 4, 0b11 => 2}
 
-  @doc "CONF, two bytes, and the first of those of `decode_state/1`."
+  @doc "Returns the address of CONF, two bytes, the first of those of `decode_state/1`."
+  @spec conf() :: byte()
   def conf, do: 0x07
 
-  @doc "The number of bytes from CONF to STATUS."
+  @doc "Returns the number of bytes from CONF to STATUS."
+  @spec state_size() :: pos_integer()
   def state_size, do: 5
 
-  @doc "RAW ANGLE, two bytes: the angle without the zero and the range that may be programmed into the chip."
+  @doc """
+  Returns the address of RAW ANGLE, two bytes: the angle without the zero and the range that can
+  be programmed into the chip.
+  """
+  @spec raw_angle() :: byte()
   def raw_angle, do: 0x0C
 
-  @doc "The steps of a turn."
+  @doc "Returns the steps of a turn."
+  @spec steps() :: pos_integer()
   def steps, do: @steps
 
-  @doc "The choices of the slow filter, ascending."
+  @doc "Returns the settings of the slow filter, ascending."
+  @spec filters() :: [pos_integer()]
   def filters, do: @filters |> Map.values() |> Enum.sort()
 
   @doc """
-  CONF with these settings, at full power, without watchdog, and for the rest as it was: some of its bits are the factory's.
+  Encodes CONF with these settings, at full power and without watchdog.
+
+  The other bits stay as in the bytes given, because some of them are set in the factory.
 
       iex> BB.Sensor.As5600.Registers.encode_conf(%{filter: 16, hysteresis: 0}, <<0xE3, 0xFF>>)
       <<0xC0, 0xF0>>
@@ -49,7 +62,7 @@ defmodule BB.Sensor.As5600.Registers do
   end
 
   @doc """
-  The same CONF with the filter and the hysteresis inverted: what no other chip would keep by chance.
+  Returns CONF with the filter and the hysteresis inverted, which no other chip keeps by chance.
 
       iex> BB.Sensor.As5600.Registers.inverted(<<0x00, 0x04>>)
       <<0x03, 0x08>>
@@ -59,7 +72,7 @@ defmodule BB.Sensor.As5600.Registers do
     do: <<high::6, 3 - filter::2, low::4, 3 - hysteresis::2, power::2>>
 
   @doc """
-  The bytes from CONF (0x07) to STATUS (0x0B): CONF, and what STATUS says of the magnet.
+  Decodes the bytes from CONF (0x07) to STATUS (0x0B) into CONF and the strength of the magnet.
 
       iex> BB.Sensor.As5600.Registers.decode_state(<<0x03, 0x0C, 0, 0, 0x20>>)
       {<<0x03, 0x0C>>, :good}
@@ -69,9 +82,11 @@ defmodule BB.Sensor.As5600.Registers do
     do: {conf, decode_status(status)}
 
   @doc """
-  What STATUS says of the magnet: detected (MD, bit 5), too weak (ML, bit 4), too strong (MH, bit 3).
+  Decodes the magnet bits of STATUS: detected (MD, bit 5), too weak (ML, bit 4), too strong (MH,
+  bit 3).
 
-      iex> for status <- [0x20, 0x30, 0x28, 0x10, 0x67], do: BB.Sensor.As5600.Registers.decode_status(<<status>>)
+      iex> alias BB.Sensor.As5600.Registers
+      iex> for status <- [0x20, 0x30, 0x28, 0x10, 0x67], do: Registers.decode_status(<<status>>)
       [:good, :too_weak, :too_strong, :missing, :good]
   """
   @spec decode_status(<<_::8>>) :: magnet()
@@ -80,17 +95,12 @@ defmodule BB.Sensor.As5600.Registers do
   def decode_status(<<_::3, 1::1, _::4>>), do: :too_weak
   def decode_status(<<_::8>>), do: :good
 
-  @doc """
-  RAW ANGLE in steps.
-
-      iex> BB.Sensor.As5600.Registers.decode_angle(<<0x0F, 0xFF>>)
-      4095
-  """
+  @doc "Decodes RAW ANGLE into steps."
   @spec decode_angle(<<_::16>>) :: 0..4095
   def decode_angle(<<_::4, steps::12>>), do: steps
 
   @doc """
-  Steps in rad.
+  Converts steps into rad.
 
       iex> BB.Sensor.As5600.Registers.radians(1024) == :math.pi() / 2
       true

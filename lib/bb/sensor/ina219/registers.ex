@@ -1,22 +1,31 @@
 defmodule BB.Sensor.Ina219.Registers do
   @moduledoc """
-  The registers of the INA219, as bytes and as terms (Texas Instruments SBOS448G, sections 8.5 and 8.6). Pure.
+  Encodes and decodes the registers of the INA219 (Texas Instruments SBOS448G, sections 8.5 and
+  8.6).
 
-  Each has 16 bits, the high byte first. The chip has no register that identifies it; after a reset CONFIGURATION has a value of its
-  own (`after_reset/0`).
+  `BB.Sensor.Ina219` uses it. Each register has 16 bits, the high byte first. The module is pure.
+
+      iex> BB.Sensor.Ina219.Registers.decode_shunt(<<0x07, 0xD0>>)
+      0.02
+
+  The chip has no identity register. After a reset, CONFIGURATION has a characteristic value
+  (`after_reset/0`).
 
   ## Calibration
-  The chip multiplies its shunt voltage by CALIBRATION to get the current, in steps that follow from it (equation 1):
-  current LSB = 0.04096 V / (CALIBRATION · shunt). The power's step is 20 current steps. Steps as small as the greatest current allows
-  are the greatest current / 2¹⁵ (equation 2).
+
+  The chip multiplies its shunt voltage by CALIBRATION to get the current, which has these steps
+  (equation 1): current LSB = 0.04096 V / (CALIBRATION · shunt). The step of the power is 20 steps
+  of the current. The smallest steps for a greatest current are the greatest current / 2¹⁵
+  (equation 2).
 
   ## Averaging
-  The chip converts shunt and bus voltage in turn, each for 532 µs with 12 bits, and as many times longer as it averages samples
-  (table 5): 2, 4, … 128.
+
+  The chip converts shunt and bus voltage in turn. A conversion takes 532 µs with 12 bits. The
+  average of 2, 4, … 128 samples takes that many times as long (table 5).
   """
   import Bitwise
 
-  @typedoc "What is set in CONFIGURATION; the shunt's range in V."
+  @typedoc "The settings in CONFIGURATION, with the shunt's range in V."
   @type settings :: %{bus_range: 16 | 32, shunt_range: float(), samples: pos_integer()}
 
   @after_reset 0x399F
@@ -26,7 +35,7 @@ defmodule BB.Sensor.Ina219.Registers do
   # V, by PG.
   @shunt_ranges [{0b00, 0.04}, {0b01, 0.08}, {0b10, 0.16}, {0b11, 0.32}]
 
-  # Samples and µs for one of the two conversions, by BADC and SADC.
+  # BADC or SADC, samples, and µs of one of the two conversions.
   @conversions [
     {0b0011, 1, 532},
     {0b1001, 2, 1060},
@@ -42,38 +51,50 @@ defmodule BB.Sensor.Ina219.Registers do
   @bus_lsb 4.0e-3
   @scale 0.04096
 
-  @doc "CONFIGURATION."
+  @doc "Returns the address of CONFIGURATION."
+  @spec configuration() :: byte()
   def configuration, do: 0x00
 
-  @doc "SHUNT VOLTAGE."
+  @doc "Returns the address of SHUNT VOLTAGE."
+  @spec shunt_voltage() :: byte()
   def shunt_voltage, do: 0x01
 
-  @doc "BUS VOLTAGE, with the flags of `decode_bus/1`."
+  @doc "Returns the address of BUS VOLTAGE, with the flags of `decode_bus/1`."
+  @spec bus_voltage() :: byte()
   def bus_voltage, do: 0x02
 
-  @doc "POWER. Reading it clears the conversion-ready flag."
+  @doc "Returns the address of POWER. Reading it clears the conversion-ready flag."
+  @spec power() :: byte()
   def power, do: 0x03
 
-  @doc "CURRENT."
+  @doc "Returns the address of CURRENT."
+  @spec current() :: byte()
   def current, do: 0x04
 
-  @doc "CALIBRATION: 0 after a reset, and then current and power are 0."
+  @doc "Returns the address of CALIBRATION. While it is 0, as after a reset, the current is 0."
+  @spec calibration() :: byte()
   def calibration, do: 0x05
 
-  @doc "CONFIGURATION: resets the chip."
+  @doc "Returns the bytes of CONFIGURATION that reset the chip."
+  @spec reset() :: <<_::16>>
   def reset, do: <<@reset::16>>
 
-  @doc "CONFIGURATION after power-on and reset."
+  @doc "Returns the bytes of CONFIGURATION after power-on and reset."
+  @spec after_reset() :: <<_::16>>
   def after_reset, do: <<@after_reset::16>>
 
-  @doc "The greatest voltage across the shunt that the chip can measure, in V."
+  @doc "Returns the greatest voltage across the shunt that the chip can measure, in V."
+  @spec most_shunt_voltage() :: float()
   def most_shunt_voltage, do: 0.32
 
   @doc """
-  The smallest of the chip's ranges that has that voltage across the shunt, in V; `:error` beyond the greatest.
+  Returns the smallest range of the chip, in V, for a voltage across the shunt, or `:error` beyond
+  the greatest range.
 
-      iex> {BB.Sensor.Ina219.Registers.shunt_range(0.03), BB.Sensor.Ina219.Registers.shunt_range(0.32)}
-      {{:ok, 0.04}, {:ok, 0.32}}
+      iex> BB.Sensor.Ina219.Registers.shunt_range(0.03)
+      {:ok, 0.04}
+      iex> BB.Sensor.Ina219.Registers.shunt_range(0.32)
+      {:ok, 0.32}
       iex> BB.Sensor.Ina219.Registers.shunt_range(0.33)
       :error
   """
@@ -86,7 +107,9 @@ defmodule BB.Sensor.Ina219.Registers do
   end
 
   @doc """
-  The most samples whose conversions are done well within a period of that rate: a tenth longer than typical, in 0.8 of the period.
+  Returns the greatest number of samples whose conversions fit into a period of the rate.
+
+  The conversions may take a tenth longer than typical, and must fit into 0.8 of the period.
 
       iex> {BB.Sensor.Ina219.Registers.samples(10), BB.Sensor.Ina219.Registers.samples(500)}
       {64, 1}
@@ -98,7 +121,7 @@ defmodule BB.Sensor.Ina219.Registers do
   end
 
   @doc """
-  How long it typically takes until shunt and bus voltage are measured, in µs.
+  Returns the typical time to measure shunt and bus voltage, in µs.
 
       iex> BB.Sensor.Ina219.Registers.conversion_us(128)
       136_200
@@ -110,13 +133,14 @@ defmodule BB.Sensor.Ina219.Registers do
   end
 
   @doc """
-  CONFIGURATION for these settings, measuring all the time.
+  Encodes CONFIGURATION for these settings, in the continuous mode.
 
-      iex> BB.Sensor.Ina219.Registers.encode_settings(%{bus_range: 32, shunt_range: 0.32, samples: 1})
+      iex> alias BB.Sensor.Ina219.Registers
+      iex> Registers.encode_settings(%{bus_range: 32, shunt_range: 0.32, samples: 1})
       <<0x39, 0x9F>>
-      iex> BB.Sensor.Ina219.Registers.encode_settings(%{bus_range: 16, shunt_range: 0.04, samples: 1})
+      iex> Registers.encode_settings(%{bus_range: 16, shunt_range: 0.04, samples: 1})
       <<0x01, 0x9F>>
-      iex> BB.Sensor.Ina219.Registers.encode_settings(%{bus_range: 16, shunt_range: 0.04, samples: 128})
+      iex> Registers.encode_settings(%{bus_range: 16, shunt_range: 0.04, samples: 128})
       <<0x07, 0xFF>>
   """
   @spec encode_settings(settings()) :: <<_::16>>
@@ -128,9 +152,9 @@ defmodule BB.Sensor.Ina219.Registers do
   end
 
   @doc """
-  CALIBRATION for steps of `current_lsb` amperes with a shunt of `shunt` ohms. Its lowest bit is always 0.
+  Returns CALIBRATION for steps of `current_lsb` amperes with a shunt of `shunt` ohms.
 
-  The datasheet's example, 1 mA and 2 mΩ:
+  Its lowest bit is always 0. The datasheet has the example of 1 mA and 2 mΩ:
 
       iex> BB.Sensor.Ina219.Registers.calibration(0.001, 0.002)
       0x5000
@@ -140,7 +164,7 @@ defmodule BB.Sensor.Ina219.Registers do
     do: min(trunc(@scale / (current_lsb * shunt) + 1.0e-6), 0xFFFE) &&& 0xFFFE
 
   @doc """
-  The step of the current that CALIBRATION gives with a shunt, in A.
+  Returns the step of the current, in A, for CALIBRATION with a shunt.
 
       iex> BB.Sensor.Ina219.Registers.current_lsb(0x5000, 0.002)
       0.001
@@ -149,21 +173,20 @@ defmodule BB.Sensor.Ina219.Registers do
   def current_lsb(calibration, shunt), do: @scale / (calibration * shunt)
 
   @doc """
-  CALIBRATION with the smallest steps in which `max_current` amperes can be shown.
+  Returns CALIBRATION with the smallest steps in which `max_current` amperes can be shown.
 
-      iex> calibration = BB.Sensor.Ina219.Registers.finest_calibration(15, 0.002)
+      iex> alias BB.Sensor.Ina219.Registers
+      iex> calibration = Registers.finest_calibration(15, 0.002)
       44_738
-      iex> 32_767 * BB.Sensor.Ina219.Registers.current_lsb(calibration, 0.002) >= 15 * 32_767 / 32_768
+      iex> 32_767 * Registers.current_lsb(calibration, 0.002) >= 15 * 32_767 / 32_768
       true
   """
   @spec finest_calibration(number(), number()) :: 0..0xFFFE
   def finest_calibration(max_current, shunt), do: calibration(max_current / 32_768, shunt)
 
   @doc """
-  SHUNT VOLTAGE in V, in steps of 10 µV.
+  Decodes SHUNT VOLTAGE into V, in steps of 10 µV.
 
-      iex> BB.Sensor.Ina219.Registers.decode_shunt(<<0x07, 0xD0>>)
-      0.02
       iex> BB.Sensor.Ina219.Registers.decode_shunt(<<0x83, 0x00>>)
       -0.32
   """
@@ -171,8 +194,10 @@ defmodule BB.Sensor.Ina219.Registers do
   def decode_shunt(<<raw::signed-16>>), do: round_to(raw * @shunt_lsb, 5)
 
   @doc """
-  BUS VOLTAGE: the voltage in V, in steps of 4 mV, whether all of it is new since POWER was last read, and whether current or power were
-  beyond what their registers can show.
+  Decodes BUS VOLTAGE: the voltage in V, in steps of 4 mV, and two flags.
+
+  `:ready?` is whether the chip has measured since the last read of POWER. `:overflow?` is whether
+  current or power exceed their registers.
 
       iex> BB.Sensor.Ina219.Registers.decode_bus(<<0x5D98::16>>)
       %{voltage: 11.98, ready?: false, overflow?: false}
@@ -184,7 +209,7 @@ defmodule BB.Sensor.Ina219.Registers do
     do: %{voltage: round_to(raw * @bus_lsb, 3), ready?: ready == 1, overflow?: overflow == 1}
 
   @doc """
-  CURRENT in A.
+  Decodes CURRENT into A.
 
       iex> BB.Sensor.Ina219.Registers.decode_current(<<0x2710::16>>, 0.001)
       10.0
@@ -193,7 +218,7 @@ defmodule BB.Sensor.Ina219.Registers do
   def decode_current(<<raw::signed-16>>, current_lsb), do: raw * current_lsb
 
   @doc """
-  POWER in W.
+  Decodes POWER into W.
 
       iex> BB.Sensor.Ina219.Registers.decode_power(<<0x1766::16>>, 0.001)
       119.8
@@ -202,7 +227,8 @@ defmodule BB.Sensor.Ina219.Registers do
   def decode_power(<<raw::16>>, current_lsb), do: raw * 20 * current_lsb
 
   @doc """
-  Whether a shunt or bus voltage is at the end of its range, so that the true one may be beyond.
+  Returns whether a shunt or bus voltage is at the end of its range, so that its true value may be
+  beyond it.
 
       iex> settings = %{bus_range: 16, shunt_range: 0.04, samples: 1}
       iex> BB.Sensor.Ina219.Registers.clipped?(settings, 12.0, -0.04)
@@ -214,6 +240,6 @@ defmodule BB.Sensor.Ina219.Registers do
   def clipped?(settings, voltage, shunt_voltage),
     do: voltage >= settings.bus_range or abs(shunt_voltage) >= settings.shunt_range
 
-  # A step that has no exact float must not show in the last digits.
+  # Steps without an exact float would show in the last digits.
   defp round_to(value, digits), do: Float.round(value / 1, digits)
 end

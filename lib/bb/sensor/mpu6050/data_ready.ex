@@ -1,50 +1,58 @@
 defmodule BB.Sensor.Mpu6050.DataReady do
   @moduledoc """
-  The chip with its pin INT wired to a line: each edge is a sample, and the sample's time is the edge's.
+  The MPU-6050 with its pin INT wired to a line: each edge is a sample, at the time of the edge.
 
-  With the FIFO all samples are kept until they are read, so none is lost while the bus or this process is busy, for as long as the
-  FIFO has room: #{div(1024, 14)} samples in an MPU-6050, #{div(512, 14)} in the others.
+  `BB.Sensor.Mpu6050` uses it with the option `interrupt:`.
+
+  With the FIFO, samples wait in the chip until they are read. So none is lost while the bus or
+  the sensor's process is busy, as long as the FIFO has room: for #{div(1024, 14)} samples in an
+  MPU-6050, for
+  #{div(512, 14)} in the others.
   """
+  @moduledoc no_example: "internal: BB.Sensor.Mpu6050 is its interface"
+
   alias BB.Bus.GPIO.Line
   alias BB.Clock
   alias BB.Sensor.Mpu6050.{Chip, Registers, Stamps}
 
   @enforce_keys [:chip, :line, :clock, :fifo?, :stamps]
-  defstruct [:chip, :line, :clock, :fifo?, :stamps, alive?: true]
+  defstruct [:chip, :line, :clock, :fifo?, :stamps, edge_seen?: true]
 
-  @typedoc "`alive?`: an edge was heard since somebody looked."
+  @typedoc "A chip with its line. `:edge_seen?` is whether an edge came since the last check."
   @type t :: %__MODULE__{
           chip: Chip.t(),
           line: Line.t(),
           clock: Clock.t(),
           fifo?: boolean(),
           stamps: Stamps.t(),
-          alive?: boolean()
+          edge_seen?: boolean()
         }
 
+  @typedoc "Why it fails: a reason of the chip or of the line, or `:no_interrupt`."
   @type reason :: Chip.reason() | Line.reason() | {:no_interrupt, Line.spec(), String.t(), byte()}
 
   @first_edge_ms 500
   @first_periods 5
-  @looks_hz 20
+  @checks_hz 20
   @ns_per_ms 1_000_000
 
-  @doc "The options of a line, for the driver's schema."
+  @doc "Returns the options of the line, for the driver's schema."
   @spec options() :: keyword()
   def options do
     line =
       Line.option(
-        "The GPIO line that the pin INT is wired to, such as `{\"gpiochip0\", 4}`. Then each sample of the chip is published, with the time of its edge."
+        "The GPIO line of the pin INT, such as `{\"gpiochip0\", 4}`. With it, each sample of " <>
+          "the chip is published, with the time of its edge."
       )
 
     [interrupt: Keyword.merge(line, required: false)] ++ Line.options()
   end
 
-  @doc "How often to `look/1`: so that between two looks there are two samples at least."
-  @spec looks_hz(sample_rate_hz :: number()) :: number()
-  def looks_hz(sample_rate_hz), do: min(@looks_hz, sample_rate_hz / 2)
+  @doc "Returns how often to call `check_edges/1`, so that at least two samples come in between."
+  @spec checks_hz(sample_rate_hz :: number()) :: number()
+  def checks_hz(sample_rate_hz), do: min(@checks_hz, sample_rate_hz / 2)
 
-  @doc "Opens the line of a chip that is set up to pulse, and waits for its first edge."
+  @doc "Opens the line of a chip that signals its samples, and waits for the first edge."
   @spec open(Chip.t(), keyword(), Clock.t()) :: {:ok, t()} | {:error, reason()}
   def open(chip, opts, clock) do
     Line.open_with(
@@ -62,48 +70,52 @@ defmodule BB.Sensor.Mpu6050.DataReady do
   defp start(device) do
     with :ok <- Line.listen(device.line, :rising),
          :ok <- if(device.fifo?, do: Chip.start_fifo(device.chip), else: :ok),
-         do: first_edge(device)
+         do: await_first_edge(device)
   end
 
-  # By the robot's clock, which is the chip's where that is simulated.
-  defp first_edge(%{clock: clock, line: %{spec: spec}} = device) do
+  # The robot's clock is also the clock of a simulated chip.
+  defp await_first_edge(%{clock: clock, line: %{spec: spec}} = device) do
     longest_ns = max(@first_edge_ms * @ns_per_ms, @first_periods * device.stamps.period_ns)
-    over = make_ref()
-    timer = Clock.send_at(clock, Clock.now_ns(clock) + longest_ns, self(), over)
+    timeout = make_ref()
+    timer = Clock.send_at(clock, Clock.now_ns(clock) + longest_ns, self(), timeout)
 
     receive do
       {:circuits_gpio, ^spec, edge_ns, _level} ->
-        :ok = Clock.recall(clock, timer, over)
-        {:ok, heard(device, edge_ns)}
+        :ok = Clock.recall(clock, timer, timeout)
+        {:ok, add_edge(device, edge_ns)}
 
-      ^over ->
-        silent(device)
+      ^timeout ->
+        no_interrupt(device)
     end
   end
 
-  @doc "Gives line and bus back."
+  @doc "Closes the line and the bus."
   @spec close(t()) :: :ok
   def close(device) do
     :ok = Line.close(device.line)
     Chip.close(device.chip)
   end
 
-  @doc "An edge was heard, and with it all those that wait in the mailbox."
-  @spec heard(t(), integer()) :: t()
-  def heard(device, edge_ns) do
-    stamps = Stamps.heard(device.stamps, edge_ns, Clock.now_ns(device.clock))
-    more(%{device | stamps: stamps, alive?: true})
+  @doc "Adds an edge, and all edges that wait in the mailbox."
+  @spec add_edge(t(), integer()) :: t()
+  def add_edge(device, edge_ns) do
+    stamps = Stamps.add_edge(device.stamps, edge_ns, Clock.now_ns(device.clock))
+    add_waiting_edges(%{device | stamps: stamps, edge_seen?: true})
   end
 
-  defp more(%{line: %{spec: spec}} = device) do
+  defp add_waiting_edges(%{line: %{spec: spec}} = device) do
     receive do
-      {:circuits_gpio, ^spec, edge_ns, _level} -> heard(device, edge_ns)
+      {:circuits_gpio, ^spec, edge_ns, _level} -> add_edge(device, edge_ns)
     after
       0 -> device
     end
   end
 
-  @doc "The samples whose edges were heard, each with its time. `:stop` is an error after which nobody knows any more which edge is whose."
+  @doc """
+  Reads the samples of the edges that came, each with its time.
+
+  `:stop` is an error after which edges no longer belong to known samples.
+  """
   @spec read(t()) ::
           {:ok, [{integer(), Registers.reading()}], t()}
           | {:none, t()}
@@ -111,7 +123,7 @@ defmodule BB.Sensor.Mpu6050.DataReady do
           | {:stop, reason()}
   def read(%{fifo?: false} = device) do
     with {:ok, reading, new?} <- Chip.sample(device.chip) do
-      {time_ns, stamps} = Stamps.last(device.stamps)
+      {time_ns, stamps} = Stamps.take_last(device.stamps)
       device = %{device | stamps: stamps}
       if new?, do: {:ok, [{time_ns, reading}], device}, else: {:none, device}
     end
@@ -119,51 +131,53 @@ defmodule BB.Sensor.Mpu6050.DataReady do
 
   def read(device) do
     case Chip.fifo_count(device.chip) do
-      {:ok, count} -> device.stamps |> Stamps.pair(count) |> paired(device)
+      {:ok, count} -> device.stamps |> Stamps.take(count) |> take_samples(device)
       {:error, {:overflow, _bus, _address} = reason} -> {:stop, reason}
       {:error, reason} -> {:error, reason}
     end
   end
 
-  defp paired(:noise, device), do: {:stop, {:noise, device.line.spec}}
-  defp paired({:ok, [], stamps}, device), do: {:none, %{device | stamps: stamps}}
-  defp paired({:ok, times, stamps}, device), do: take(%{device | stamps: stamps}, times)
+  defp take_samples(:noise, device), do: {:stop, {:noise, device.line.spec}}
+  defp take_samples({:ok, [], stamps}, device), do: {:none, %{device | stamps: stamps}}
 
-  defp take(device, times) do
+  defp take_samples({:ok, times, stamps}, device) do
     with {:ok, readings} <- Chip.take(device.chip, length(times)),
-         do: {:ok, Enum.zip(times, readings), device}
+         do: {:ok, Enum.zip(times, readings), %{device | stamps: stamps}}
   end
 
-  @doc "Makes sure that edges still come."
-  @spec look(t()) :: {:none, t()} | {:error, reason()}
-  def look(%{alive?: true} = device), do: {:none, %{device | alive?: false}}
-  def look(device), do: silent(device)
+  @doc "Checks that an edge came since the last check."
+  @spec check_edges(t()) :: {:none, t()} | {:error, reason()}
+  def check_edges(%{edge_seen?: true} = device), do: {:none, %{device | edge_seen?: false}}
+  def check_edges(device), do: no_interrupt(device)
 
-  # What does not answer either has not lost the wire of its pin.
-  defp silent(%{chip: %{device: %{bus_name: bus, address: address}} = chip} = device) do
+  # A chip that does not answer has another fault than the wire of its pin.
+  defp no_interrupt(%{chip: %{device: %{bus_name: bus, address: address}} = chip} = device) do
     with {:ok, _reading, _new?} <- Chip.sample(chip),
          do: {:error, {:no_interrupt, device.line.spec, bus, address}}
   end
 
-  @doc "Whether a reason is one that `explain/1` has words for."
+  @doc "Returns whether `explain/1` takes a reason."
   defguard is_reason(reason)
            when elem(reason, 0) in [:no_interrupt, :overflow, :noise] or
                   elem(reason, 0) in [:line_not_found, :line_busy, :line_lost, :line]
 
   @doc """
-  A reason in a sentence that says what to look at.
+  Formats a reason as a sentence that says what to check.
 
-      iex> BB.Sensor.Mpu6050.DataReady.explain({:no_interrupt, {"gpiochip0", 4}, "i2c-1", 0x68})
-      "no edge came on line 4 of gpiochip0 from the chip at 0x68 on i2c-1: check the wire to its pin INT"
+      iex> alias BB.Sensor.Mpu6050.DataReady
+      iex> DataReady.explain({:no_interrupt, {"gpiochip0", 4}, "i2c-1", 0x68})
+      "no edge on line 4 of gpiochip0 from the chip at 0x68 on i2c-1: check the wire of pin INT"
   """
   @spec explain(reason()) :: String.t()
   def explain({:no_interrupt, spec, bus, address}),
     do:
-      "no edge came on #{Line.name(spec)} from the chip at #{Chip.place(bus, address)}: check the wire to its pin INT"
+      "no edge on #{Line.name(spec)} from the chip at #{Chip.place(bus, address)}: check the " <>
+        "wire of pin INT"
 
   def explain({:overflow, bus, address}),
     do:
-      "the FIFO of the chip at #{Chip.place(bus, address)} overflowed and samples were lost: lower its rate, or see what keeps the bus busy"
+      "the FIFO of the chip at #{Chip.place(bus, address)} overflowed and samples were lost: " <>
+        "lower its rate, or find what keeps the bus busy"
 
   def explain(reason), do: Line.explain(reason)
 end

@@ -1,20 +1,30 @@
 defmodule BB.Sensor.Mpu6050.Registers do
   @moduledoc """
-  The registers of the MPU-6050, as bytes and as terms (RM-MPU-6000A rev. 4.2; sensitivities from PS-MPU-6000A rev. 3.4), and what is different in the
-  MPU-6500 and MPU-9250 (RM-MPU-6500A rev. 2.1, PS-MPU-6500A rev. 1.0). Pure.
+  Encodes and decodes the registers of the MPU-6050, and those of the MPU-6500 and the MPU-9250
+  where they differ.
+
+  `BB.Sensor.Mpu6050` uses it. The module is pure.
+
+      iex> BB.Sensor.Mpu6050.Registers.model(0x70)
+      {:ok, :mpu6500}
+
+  The sources are RM-MPU-6000A rev. 4.2, PS-MPU-6000A rev. 3.4 (sensitivities), RM-MPU-6500A rev.
+  2.1 and PS-MPU-6500A rev. 1.0.
 
   ## Models
 
   | model | WHO_AM_I | accelerometer's filter | temperature | after power-on |
   |---|---|---|---|---|
-  | MPU-6050 | 0x68 | that of the gyroscope | 36.53 °C + raw / 340 | asleep |
+  | MPU-6050 | 0x68 | the gyroscope's filter | 36.53 °C + raw / 340 | asleep |
   | MPU-6500 | 0x70 | ACCEL_CONFIG_2 | 21 °C + raw / 333.87 | awake |
   | MPU-9250 | 0x71 | ACCEL_CONFIG_2 | 21 °C + raw / 333.87 | awake |
 
-  An MPU-6500 and an MPU-9250 are set up by five registers instead of four, with the same filter for both. Their accelerometer has no more
-  than 1000 samples a second: with the filter at 260 each comes several times.
+  The MPU-6500 and the MPU-9250 have five setting registers instead of four, and get the same
+  filter in both filter registers. Their accelerometer has at most 1000 samples a second. With the
+  filter at 260 each sample comes several times.
 
   ## Ranges
+
   A wider range has coarser steps:
 
   | accelerometer | LSB/g | gyroscope | LSB/(°/s) |
@@ -25,8 +35,9 @@ defmodule BB.Sensor.Mpu6050.Registers do
   | ±16 g | 2048 | ±2000 °/s | 16.4 |
 
   ## Rates
-  The chip samples at 1000 Hz / (1 + divider), or at 8000 Hz / (1 + divider) with the filter at 260 Hz, which is off; the
-  divider is 0..255. See `divider/2`.
+
+  The chip samples at 1000 Hz / (1 + divider), or at 8000 Hz / (1 + divider) with the filter at
+  260 Hz, which is off. The divider is 0..255. See `divider/2`.
   """
 
   @typedoc "A member of the family."
@@ -38,10 +49,16 @@ defmodule BB.Sensor.Mpu6050.Registers do
   @typedoc "The gyroscope's full scale in degrees a second."
   @type gyro_range :: 250 | 500 | 1000 | 2000
 
-  @typedoc "The low-pass filter's bandwidth in Hz, as the accelerometer has it; the gyroscope's is within 5 % of it. 260 is no filter."
+  @typedoc """
+  The low-pass filter's bandwidth in Hz for the accelerometer. The gyroscope's is within 5 % of
+  it. 260 is no filter.
+  """
   @type filter :: 5 | 10 | 20 | 44 | 94 | 184 | 260
 
-  @typedoc "What is set in SMPLRT_DIV, CONFIG, GYRO_CONFIG, ACCEL_CONFIG and, where there is one, ACCEL_CONFIG_2."
+  @typedoc """
+  The settings in SMPLRT_DIV, CONFIG, GYRO_CONFIG, ACCEL_CONFIG and, where it exists,
+  ACCEL_CONFIG_2.
+  """
   @type settings :: %{
           divider: 0..255,
           filter: filter(),
@@ -49,7 +66,7 @@ defmodule BB.Sensor.Mpu6050.Registers do
           accel_range: accel_range()
         }
 
-  @typedoc "m/s², rad/s and °C, in the chip's axes."
+  @typedoc "A reading in m/s², rad/s and °C, in the chip's axes."
   @type reading :: %{
           acceleration: {float(), float(), float()},
           angular_velocity: {float(), float(), float()},
@@ -61,7 +78,7 @@ defmodule BB.Sensor.Mpu6050.Registers do
 
   @identities %{0x68 => :mpu6050, 0x70 => :mpu6500, 0x71 => :mpu9250}
 
-  # In °C at 0, and LSB/°C.
+  # The temperature in °C at 0, and LSB/°C.
   @thermometers %{
     mpu6050: {36.53, 340},
     mpu6500: {21, 333.87},
@@ -76,35 +93,50 @@ defmodule BB.Sensor.Mpu6050.Registers do
   @lsb_per_g %{2 => 16_384, 4 => 8192, 8 => 4096, 16 => 2048}
   @lsb_per_degree_per_s %{250 => 131, 500 => 65.5, 1000 => 32.8, 2000 => 16.4}
 
-  @doc "SMPLRT_DIV, the first of the registers of `encode_settings/2`."
+  @doc "Returns the address of SMPLRT_DIV, the first of the registers of `encode_settings/2`."
+  @spec smplrt_div() :: byte()
   def smplrt_div, do: 0x19
 
-  @doc "FIFO_EN: what goes into the FIFO."
+  @doc "Returns the address of FIFO_EN, which selects the contents of the FIFO."
+  @spec fifo_en() :: byte()
   def fifo_en, do: 0x23
 
-  @doc "FIFO_EN: acceleration, temperature and rotation, so that a frame in the FIFO is the bytes of `decode/4`."
+  @doc """
+  Returns the value of FIFO_EN for acceleration, temperature and rotation, so that a frame in the
+  FIFO has the bytes of `decode/4`.
+  """
+  @spec all_in_fifo() :: byte()
   def all_in_fifo, do: 0xF8
 
-  @doc "INT_PIN_CFG, the first of the registers of `decode_status/2`."
+  @doc "Returns the address of INT_PIN_CFG, the first of the registers of `decode_status/2`."
+  @spec int_pin_cfg() :: byte()
   def int_pin_cfg, do: 0x37
 
-  @doc "The number of bytes of `decode_status/2`; those of a reading follow them."
+  @doc "Returns the number of bytes of `decode_status/2`. The bytes of a reading follow them."
+  @spec status_size() :: pos_integer()
   def status_size, do: 4
 
-  @doc "The number of bytes of a reading, those of `decode/4`."
+  @doc "Returns the number of bytes of a reading (`decode/4`)."
+  @spec reading_size() :: pos_integer()
   def reading_size, do: 14
 
-  @doc "INT_PIN_CFG and INT_ENABLE: short pulses, active high, and any read clears INT_STATUS; pulses with each sample if `pulses?`."
+  @doc """
+  Returns the bytes of INT_PIN_CFG and INT_ENABLE: short pulses, active high, and any read clears
+  INT_STATUS. With `pulses?` the pin pulses with each sample.
+  """
   @spec interrupts(pulses? :: boolean()) :: <<_::16>>
   def interrupts(pulses?), do: <<0x10, if(pulses?, do: 0x01, else: 0x00)>>
 
   @doc """
-  The four bytes from INT_PIN_CFG on, of a chip whose interrupts were set to those bytes: whether there is a new sample, and whether the
-  FIFO has overflowed. `:restarted` where the settings are not there any more.
+  Decodes the four bytes from INT_PIN_CFG on of a chip with the interrupt settings `interrupts`.
 
-      iex> BB.Sensor.Mpu6050.Registers.decode_status(<<0x10, 0x01, 0x00, 0x11>>, <<0x10, 0x01>>)
+  Returns whether a sample is new and whether the FIFO has overflowed, or `:restarted` when the
+  settings are lost.
+
+      iex> alias BB.Sensor.Mpu6050.Registers
+      iex> Registers.decode_status(<<0x10, 0x01, 0x00, 0x11>>, <<0x10, 0x01>>)
       {:ok, %{new?: true, overflowed?: true}}
-      iex> BB.Sensor.Mpu6050.Registers.decode_status(<<0x00, 0x00, 0x00, 0x01>>, <<0x10, 0x01>>)
+      iex> Registers.decode_status(<<0x00, 0x00, 0x00, 0x01>>, <<0x10, 0x01>>)
       :restarted
   """
   @spec decode_status(<<_::32>>, interrupts :: <<_::16>>) ::
@@ -116,64 +148,77 @@ defmodule BB.Sensor.Mpu6050.Registers do
 
   def decode_status(<<_::32>>, _interrupts), do: :restarted
 
-  @doc "USER_CTRL."
+  @doc "Returns the address of USER_CTRL."
+  @spec user_ctrl() :: byte()
   def user_ctrl, do: 0x6A
 
-  @doc "USER_CTRL: the FIFO is off and empties itself."
+  @doc "Returns the value of USER_CTRL that turns the FIFO off and empties it."
+  @spec fifo_emptied() :: byte()
   def fifo_emptied, do: 0x04
 
-  @doc "USER_CTRL: the FIFO is on."
+  @doc "Returns the value of USER_CTRL that turns the FIFO on."
+  @spec fifo_on() :: byte()
   def fifo_on, do: 0x40
 
-  @doc "FIFO_COUNTH, the first of the two bytes of the number of bytes in the FIFO."
+  @doc "Returns the address of FIFO_COUNTH, two bytes: the number of bytes in the FIFO."
+  @spec fifo_count() :: byte()
   def fifo_count, do: 0x72
 
-  @doc "FIFO_R_W, where bytes are taken out of the FIFO."
+  @doc "Returns the address of FIFO_R_W, at which bytes are taken out of the FIFO."
+  @spec fifo_r_w() :: byte()
   def fifo_r_w, do: 0x74
 
-  @doc "PWR_MGMT_1."
+  @doc "Returns the address of PWR_MGMT_1."
+  @spec pwr_mgmt_1() :: byte()
   def pwr_mgmt_1, do: 0x6B
 
-  @doc "WHO_AM_I."
+  @doc "Returns the address of WHO_AM_I."
+  @spec who_am_i() :: byte()
   def who_am_i, do: 0x75
 
   @doc """
-  The model that WHO_AM_I tells, at either address; `:error` for a stranger.
+  Returns the model of a value of WHO_AM_I, which is the same at both addresses.
 
-      iex> BB.Sensor.Mpu6050.Registers.model(0x70)
-      {:ok, :mpu6500}
       iex> BB.Sensor.Mpu6050.Registers.model(0x19)
       :error
   """
   @spec model(byte()) :: {:ok, model()} | :error
   def model(identity), do: Map.fetch(@identities, identity)
 
-  @doc "All models."
+  @doc "Returns all models."
   @spec models() :: [model()]
   def models, do: @identities |> Map.values() |> Enum.sort()
 
-  @doc "What a model's WHO_AM_I says."
+  @doc "Returns the value of a model's WHO_AM_I."
   @spec identity(model()) :: byte()
   def identity(model), do: code(@identities, model)
 
-  @doc "PWR_MGMT_1: reset the device."
+  @doc "Returns the value of PWR_MGMT_1 that resets the chip."
+  @spec reset() :: byte()
   def reset, do: 0x80
 
-  @doc "PWR_MGMT_1: awake, clocked by the X gyroscope's oscillator, which is steadier than the internal one."
+  @doc """
+  Returns the value of PWR_MGMT_1 that wakes the chip, with the X gyroscope's oscillator as its
+  clock, which is steadier than the internal one.
+  """
+  @spec awake() :: byte()
   def awake, do: 0x01
 
-  @doc "The full scales of the accelerometer in g, ascending."
+  @doc "Returns the full scales of the accelerometer in g, ascending."
+  @spec accel_ranges() :: [accel_range()]
   def accel_ranges, do: ascending(@accel_ranges)
 
-  @doc "The full scales of the gyroscope in degrees a second, ascending."
+  @doc "Returns the full scales of the gyroscope in degrees a second, ascending."
+  @spec gyro_ranges() :: [gyro_range()]
   def gyro_ranges, do: ascending(@gyro_ranges)
 
-  @doc "The filter's bandwidths in Hz, ascending."
+  @doc "Returns the filter's bandwidths in Hz, ascending."
+  @spec filters() :: [filter()]
   def filters, do: ascending(@filters)
 
   @doc """
-  The divider for the slowest rate of the chip that is not below `rate_hz`, so that each reading at that rate is a new sample.
-  Where even the largest divider is faster, that one.
+  Returns the divider for the slowest rate of the chip that is not below `rate_hz`, so that each
+  reading at that rate is a new sample. It is at most 255.
 
       iex> BB.Sensor.Mpu6050.Registers.divider(100, 44)
       9
@@ -187,7 +232,7 @@ defmodule BB.Sensor.Mpu6050.Registers do
     do: (trunc(base_hz(filter) / rate_hz) - 1) |> max(0) |> min(255)
 
   @doc """
-  The rate at which the chip samples, in Hz.
+  Returns the rate at which the chip samples, in Hz.
 
       iex> BB.Sensor.Mpu6050.Registers.sample_rate_hz(9, 44)
       100.0
@@ -202,7 +247,8 @@ defmodule BB.Sensor.Mpu6050.Registers do
   defp base_hz(_filter), do: 1000
 
   @doc """
-  SMPLRT_DIV, CONFIG, GYRO_CONFIG and ACCEL_CONFIG for these settings, and ACCEL_CONFIG_2 where the model has it.
+  Encodes SMPLRT_DIV, CONFIG, GYRO_CONFIG and ACCEL_CONFIG for these settings, and ACCEL_CONFIG_2
+  where the model has it.
 
       iex> settings = %{divider: 9, filter: 44, gyro_range: 500, accel_range: 4}
       iex> BB.Sensor.Mpu6050.Registers.encode_settings(settings)
@@ -230,7 +276,9 @@ defmodule BB.Sensor.Mpu6050.Registers do
   end
 
   @doc """
-  The settings in the four registers; `:error` where there is a bit that this driver never sets (self-test, external sync, filter 7).
+  Decodes the settings in the four registers.
+
+  Returns `:error` for a bit that the driver does not set (self-test, external sync, filter 7).
 
       iex> BB.Sensor.Mpu6050.Registers.decode_settings(<<9, 0x03, 0x18, 0x18>>)
       {:ok, %{divider: 9, filter: 44, gyro_range: 2000, accel_range: 16}}
@@ -252,7 +300,8 @@ defmodule BB.Sensor.Mpu6050.Registers do
   def decode_settings(<<_::32>>), do: :error
 
   @doc """
-  The 14 bytes from ACCEL_XOUT_H on in SI units: acceleration, temperature, rotation.
+  Decodes the 14 bytes from ACCEL_XOUT_H on into acceleration, temperature and rotation in SI
+  units.
 
       iex> bytes = <<0::16, 0::16, 16_384::16, 340::16, 131::16, 0::16, -131::16>>
       iex> reading = BB.Sensor.Mpu6050.Registers.decode(bytes, 2, 250)
@@ -280,11 +329,11 @@ defmodule BB.Sensor.Mpu6050.Registers do
     }
   end
 
-  @doc "One step of the accelerometer in m/s²."
+  @doc "Returns one step of the accelerometer in m/s²."
   @spec acceleration_lsb(accel_range()) :: float()
   def acceleration_lsb(range), do: @standard_gravity / Map.fetch!(@lsb_per_g, range)
 
-  @doc "One step of the gyroscope in rad/s."
+  @doc "Returns one step of the gyroscope in rad/s."
   @spec angular_velocity_lsb(gyro_range()) :: float()
   def angular_velocity_lsb(range),
     do: @radian_per_degree / Map.fetch!(@lsb_per_degree_per_s, range)

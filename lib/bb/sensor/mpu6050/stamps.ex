@@ -1,32 +1,48 @@
 defmodule BB.Sensor.Mpu6050.Stamps do
   @moduledoc """
-  When samples were taken: the edges of the data-ready line, as times of the robot's clock, each to its sample. Pure.
+  Converts the edges of the data-ready line into the times of samples, by the robot's clock.
 
-  The kernel stamps an edge with a clock of its own. An edge is heard a little after it happened, now sooner, now later, so the smallest
-  difference between the two clocks in the last one or two seconds is nearest to the truth.
+  `BB.Sensor.Mpu6050.DataReady` keeps one. The module is pure.
 
       iex> alias BB.Sensor.Mpu6050.Stamps
-      iex> stamps = Stamps.new(1_000_000) |> Stamps.heard(7_000_000, 107_030_000) |> Stamps.heard(8_000_000, 108_010_000)
-      iex> {:ok, times, _stamps} = Stamps.pair(stamps, 2)
+      iex> stamps = Stamps.add_edge(Stamps.new(1_000_000), 7_000_000, 107_030_000)
+      iex> stamps = Stamps.add_edge(stamps, 8_000_000, 108_010_000)
+      iex> {:ok, times, _stamps} = Stamps.take(stamps, 2)
       iex> times
       [107_010_000, 108_010_000]
 
-  ## Which edge is whose
-  Samples in the FIFO and edges come in the same order, one for one, unless an edge is lost or noise makes one. So
+  The kernel has a clock of its own for the timestamps of edges. The message of an edge arrives
+  after a varying delay. So the smallest difference between the two clocks in the last one or two
+  seconds is the best estimate of their offset.
+
+  ## Which edge belongs to which sample
+
+  Samples in the FIFO and edges come in the same order, one for one, unless an edge is lost or
+  noise makes one. So
 
   - as many edges as samples belong to them in order;
-  - one sample more than edges has its edge still to come, and waits for that; when it has been so eight times in a row an edge was lost;
-  - of more samples the last ones have the edges, and those before them the times that the sample period gives;
-  - of more edges than samples the last ones count. Eight too many are `:noise`.
+  - with one sample more than edges, the edge of the last sample is still to come, and the sample
+    waits. When this was so eight times in a row, an edge was lost;
+  - with more samples, the edges belong to the last ones, and the samples before them get times by
+    the sample period;
+  - with more edges than samples, the last edges count. Eight too many are `:noise`.
   """
 
   @window_ns 1_000_000_000
-  @patience 8
+  @most_unpaired 8
 
   @enforce_keys [:period_ns]
   defstruct [:period_ns, :last_ns, :window, :before, edges: [], late: 0]
 
-  @typedoc "`edges` are the kernel's times, newest first; `window` is `{start, smallest difference}`, `before` that of the window before."
+  @typedoc """
+  The edges of a chip.
+
+  - `:edges`: their kernel times, the newest first;
+  - `:late`: how often in a row an edge was still to come;
+  - `:last_ns`: the time of the last sample;
+  - `:window`: the start of the current window and the smallest difference of the clocks in it;
+  - `:before`: the smallest difference in the window before.
+  """
   @type t :: %__MODULE__{
           period_ns: pos_integer(),
           edges: [integer()],
@@ -36,46 +52,46 @@ defmodule BB.Sensor.Mpu6050.Stamps do
           before: integer() | nil
         }
 
-  @doc "Those of a chip that takes a sample each `period_ns`."
+  @doc "Returns the state of a chip that samples each `period_ns`."
   @spec new(pos_integer()) :: t()
   def new(period_ns), do: %__MODULE__{period_ns: period_ns}
 
-  @doc "An edge of the kernel's time `edge_ns` was heard at `now_ns`."
-  @spec heard(t(), integer(), integer()) :: t()
-  def heard(stamps, edge_ns, now_ns) do
-    {window, before} = compare(stamps, now_ns - edge_ns, now_ns)
+  @doc "Adds an edge with the kernel's time `edge_ns`, which arrived at `now_ns`."
+  @spec add_edge(t(), integer(), integer()) :: t()
+  def add_edge(stamps, edge_ns, now_ns) do
+    {window, before} = update_window(stamps, now_ns - edge_ns, now_ns)
     %{stamps | edges: [edge_ns | stamps.edges], window: window, before: before}
   end
 
-  @doc "The time of the last edge, which makes those before it pointless."
-  @spec last(t()) :: {integer(), t()}
-  def last(%{edges: [edge_ns | _]} = stamps) do
-    {[time_ns], stamps} = settle(stamps, [edge_ns])
+  @doc "Returns the time of the last edge, and drops all edges."
+  @spec take_last(t()) :: {integer(), t()}
+  def take_last(%{edges: [edge_ns | _]} = stamps) do
+    {[time_ns], stamps} = to_clock(stamps, [edge_ns])
     {time_ns, stamps}
   end
 
-  @doc "The times of the oldest of `count` samples, of as many as have one."
-  @spec pair(t(), non_neg_integer()) :: {:ok, [integer()], t()} | :noise
-  def pair(%{edges: []} = stamps, _count), do: {:ok, [], stamps}
+  @doc "Returns the times of the oldest of `count` samples, of as many as have an edge."
+  @spec take(t(), non_neg_integer()) :: {:ok, [integer()], t()} | :noise
+  def take(%{edges: []} = stamps, _count), do: {:ok, [], stamps}
 
-  def pair(%{edges: edges, late: late} = stamps, count) do
+  def take(%{edges: edges, late: late} = stamps, count) do
     case count - length(edges) do
-      more when more < -@patience -> :noise
-      more when more <= 0 -> given(stamps, Enum.take(edges, count), 0)
-      1 when late < @patience -> given(stamps, edges, late + 1)
-      more -> given(stamps, edges ++ missed(List.last(edges), stamps.period_ns, more), 0)
+      more when more < -@most_unpaired -> :noise
+      more when more <= 0 -> put_late(stamps, Enum.take(edges, count), 0)
+      1 when late < @most_unpaired -> put_late(stamps, edges, late + 1)
+      more -> put_late(stamps, edges ++ earlier(List.last(edges), stamps.period_ns, more), 0)
     end
   end
 
-  defp missed(first_ns, period_ns, count), do: for(n <- 1..count, do: first_ns - n * period_ns)
+  defp earlier(first_ns, period_ns, count), do: for(n <- 1..count, do: first_ns - n * period_ns)
 
-  defp given(stamps, edges, late) do
-    {times, stamps} = settle(%{stamps | late: late}, edges)
+  defp put_late(stamps, edges, late) do
+    {times, stamps} = to_clock(%{stamps | late: late}, edges)
     {:ok, times, stamps}
   end
 
-  # Two samples never have one time, also where the clocks are compared better than before.
-  defp settle(stamps, edges) do
+  # Times increase, also when the estimate of the offset gets better.
+  defp to_clock(stamps, edges) do
     offset_ns = offset_ns(stamps)
 
     {times, last_ns} =
@@ -92,11 +108,11 @@ defmodule BB.Sensor.Mpu6050.Stamps do
   defp later(time_ns, nil), do: time_ns
   defp later(time_ns, last_ns), do: max(time_ns, last_ns + 1)
 
-  # Comparing the clocks.
+  # The offset of the clocks.
 
-  defp compare(%{window: nil}, difference, now_ns), do: {{now_ns, difference}, difference}
+  defp update_window(%{window: nil}, difference, now_ns), do: {{now_ns, difference}, difference}
 
-  defp compare(%{window: {start_ns, smallest}} = stamps, difference, now_ns) do
+  defp update_window(%{window: {start_ns, smallest}} = stamps, difference, now_ns) do
     if now_ns - start_ns >= @window_ns,
       do: {{now_ns, difference}, smallest},
       else: {{start_ns, min(smallest, difference)}, stamps.before}

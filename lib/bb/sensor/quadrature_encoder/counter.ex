@@ -1,18 +1,22 @@
 defmodule BB.Sensor.QuadratureEncoder.Counter do
   @moduledoc """
-  Counts the edges of two lines a quarter of a period apart, and tells how fast they come. Pure.
+  Counts the edges of two lines that are a quarter of a period apart, and measures their rate.
 
-  A value has line A in bit 0 and line B in bit 1. Forwards, A leads: 00, 01, 11, 10 (B left, A right), four counts a period. The rate
-  is that between time stamps of edges, so that neither the moment of looking nor a slow reader falsifies it; while no edge comes
-  it is at most what a single edge now would make it, and after half a second 0.
+  `BB.Sensor.QuadratureEncoder` keeps one. The module is pure.
 
       iex> alias BB.Sensor.QuadratureEncoder.Counter
-      iex> counter = Counter.new() |> Counter.edge(0b01, 0b00, 1_000) |> Counter.edge(0b11, 0b01, 1_001_000)
+      iex> counter = Counter.edge(Counter.new(), 0b01, 0b00, 1_000)
+      iex> counter = Counter.edge(counter, 0b11, 0b01, 1_001_000)
       iex> counter.count
       2
       iex> {rate, _counter} = Counter.rate(counter, 0.02)
       iex> rate
       1000.0
+
+  A value has line A in bit 0 and line B in bit 1. Forwards, A leads: 00, 01, 11, 10 (B left, A
+  right), four counts a period. The rate is measured between the timestamps of edges, so the time
+  of a reading and a slow reader do not change it. While no edge comes, it is at most the rate
+  that one edge now would have, and 0 after half a second.
   """
   import Bitwise
 
@@ -27,12 +31,15 @@ defmodule BB.Sensor.QuadratureEncoder.Counter do
             quiet_s: 0.0,
             rate: 0.0
 
-  @typedoc "An edge: its time stamp, and the count after it."
+  @typedoc "An edge: its timestamp, and the count after it."
   @type mark :: {time_ns :: integer(), count :: integer()}
 
   @typedoc """
-  `run` edges in a row were of `line`. `edges` and `missed`, `first` and `last` are of the time since the last look; `reference` is
-  the last edge before it.
+  A counter.
+
+  - `:run`: the number of edges in a row that came from `:line`;
+  - `:edges`, `:missed`, `:first`, `:last`: edges since the last reading;
+  - `:reference`: the last edge before that reading.
   """
   @type t :: %__MODULE__{
           count: integer(),
@@ -48,10 +55,11 @@ defmodule BB.Sensor.QuadratureEncoder.Counter do
         }
 
   @typedoc """
-  What cannot be a wheel:
+  A fault, which no wheel causes:
 
-  - `{:one_line, line}`: #{100} edges in a row came from one line: the other's wire is broken, or this one has noise;
-  - `:missed`: edges are lost, more than one in ten.
+  - `{:one_line, line}`: 100 edges in a row came from one line. The wire of the other line is
+    broken, or this line has noise;
+  - `:missed`: more than one edge in ten is lost.
   """
   @type fault :: {:one_line, :a | :b} | :missed
 
@@ -59,20 +67,20 @@ defmodule BB.Sensor.QuadratureEncoder.Counter do
   @longest_run 100
   @few 3
 
-  @doc "Nothing counted yet."
+  @doc "Returns a counter at 0."
   @spec new() :: t()
   def new, do: %__MODULE__{}
 
-  @doc "An edge, with the value after it and the one before."
+  @doc "Counts an edge, from the value `previous` to `value`."
   @spec edge(t(), 0..3, 0..3, integer()) :: t()
   def edge(counter, value, previous, time_ns) do
     case steps(value, previous) do
       0 -> %{counter | edges: counter.edges + 1, missed: counter.missed + 1}
-      steps -> counter |> ran(bxor(value, previous)) |> step(steps, time_ns)
+      steps -> counter |> count_run(bxor(value, previous)) |> step(steps, time_ns)
     end
   end
 
-  @doc "Counts a second at the time of a look, `dt_s` seconds after the one before."
+  @doc "Returns the counts a second at a reading, `dt_s` seconds after the last one."
   @spec rate(t(), float()) :: {float(), t()}
   def rate(%{last: nil} = counter, dt_s) do
     quiet_s = counter.quiet_s + dt_s
@@ -81,12 +89,12 @@ defmodule BB.Sensor.QuadratureEncoder.Counter do
   end
 
   def rate(counter, _dt_s) do
-    rate = counter |> from() |> between(counter.last, counter.rate)
-    looked = %{counter | rate: rate, quiet_s: 0.0, edges: 0, missed: 0}
-    {rate, %{looked | reference: counter.last, first: nil, last: nil}}
+    rate = counter |> first_mark() |> rate_between(counter.last, counter.rate)
+    reset = %{counter | rate: rate, quiet_s: 0.0, edges: 0, missed: 0, first: nil, last: nil}
+    {rate, %{reset | reference: counter.last}}
   end
 
-  @doc "What is wrong with what was counted, or `nil`."
+  @doc "Returns the fault of the edges, or `nil`."
   @spec fault(t()) :: fault() | nil
   def fault(%{run: run, line: line}) when run >= @longest_run, do: {:one_line, line}
 
@@ -95,7 +103,7 @@ defmodule BB.Sensor.QuadratureEncoder.Counter do
 
   def fault(_counter), do: nil
 
-  # The places of the values in the order in which they come.
+  # By the places of the values in their order.
   defp steps(value, previous) do
     case place(value) - place(previous) &&& 3 do
       3 -> -1
@@ -109,7 +117,7 @@ defmodule BB.Sensor.QuadratureEncoder.Counter do
   defp place(0b11), do: 2
   defp place(0b10), do: 3
 
-  defp ran(counter, changed) do
+  defp count_run(counter, changed) do
     line = if changed == 0b01, do: :a, else: :b
 
     if line == counter.line,
@@ -123,16 +131,16 @@ defmodule BB.Sensor.QuadratureEncoder.Counter do
     %{counter | count: count, edges: counter.edges + 1, first: counter.first || mark, last: mark}
   end
 
-  # After a standstill the edge before it says nothing, unless there is no other.
-  defp from(%{reference: nil, first: first}), do: first
-  defp from(%{quiet_s: quiet_s, reference: reference}) when quiet_s == 0.0, do: reference
-  defp from(%{first: first, last: first, reference: reference}), do: reference
-  defp from(%{first: first}), do: first
+  # An edge before a standstill is used only when it is the only other one.
+  defp first_mark(%{reference: nil, first: first}), do: first
+  defp first_mark(%{quiet_s: quiet_s, reference: reference}) when quiet_s == 0.0, do: reference
+  defp first_mark(%{first: first, last: first, reference: reference}), do: reference
+  defp first_mark(%{first: first}), do: first
 
-  defp between({from_ns, from}, {to_ns, to}, _rate) when to_ns > from_ns,
+  defp rate_between({from_ns, from}, {to_ns, to}, _rate) when to_ns > from_ns,
     do: (to - from) * 1.0e9 / (to_ns - from_ns)
 
-  defp between(_from, _to, rate), do: rate
+  defp rate_between(_from, _to, rate), do: rate
 
   defp limit(rate, most), do: rate |> min(most) |> max(-most)
 end

@@ -9,7 +9,7 @@ defmodule BB.Sensor.ContactSwitch.DebounceTest do
 
   test "a contact that is back where it was has not changed" do
     {:wait, _, d} = Debounce.edge(Debounce.new(5 * @ms, 1), 0)
-    assert {:same, %{level: 1}} = Debounce.rest(d, 5 * @ms, 1)
+    assert {:same, %{level: 1}} = Debounce.put_level(d, 5 * @ms, 1)
   end
 
   test "without a window it is looked at at once" do
@@ -19,7 +19,7 @@ defmodule BB.Sensor.ContactSwitch.DebounceTest do
   test "one that is pressed again and again, each time after a rest, is a hand" do
     Enum.reduce(1..1000, Debounce.new(5 * @ms, 1), fn n, d ->
       {:wait, until_ns, d} = Debounce.edge(d, n * 26 * @ms)
-      {_what, d} = Debounce.rest(d, until_ns, rem(n, 2))
+      {_what, d} = Debounce.put_level(d, until_ns, rem(n, 2))
       d
     end)
   end
@@ -27,11 +27,11 @@ defmodule BB.Sensor.ContactSwitch.DebounceTest do
   test "one that never rests is restless, 51 windows after the first edge" do
     waits =
       Stream.iterate({:wait, 0, Debounce.new(5 * @ms, 1)}, fn {:wait, until_ns, d} ->
-        {_what, d} = if d.waiting?, do: Debounce.rest(d, until_ns, 1), else: {:same, d}
+        {_what, d} = if d.waiting?, do: Debounce.put_level(d, until_ns, 1), else: {:same, d}
         Debounce.edge(d, until_ns + 1)
       end)
 
-    count = waits |> Stream.drop(1) |> Enum.find_index(&(&1 == :restless))
+    count = waits |> Stream.drop(1) |> Enum.find_index(&(&1 == :noise))
     assert count == 50
   end
 
@@ -42,11 +42,11 @@ defmodule BB.Sensor.ContactSwitch.DebounceTest do
         rested_ns = d.rested_ns || 0
 
         case Debounce.edge(d, rested_ns + late_ns) do
-          :restless -> {:halt, :restless}
-          {:wait, until_ns, d} -> {:cont, d |> Debounce.rest(until_ns, 1) |> elem(1)}
+          :noise -> {:halt, :noise}
+          {:wait, until_ns, d} -> {:cont, d |> Debounce.put_level(until_ns, 1) |> elem(1)}
         end
       end)
 
-    assert verdict == :restless
+    assert verdict == :noise
   end
 end

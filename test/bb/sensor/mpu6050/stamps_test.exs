@@ -7,26 +7,26 @@ defmodule BB.Sensor.Mpu6050.StampsTest do
 
   @ms 1_000_000
 
-  # Edges at those milliseconds, each heard at once by a clock that is the kernel's.
-  defp heard(stamps \\ Stamps.new(@ms), edges_ms) do
-    Enum.reduce(edges_ms, stamps, &Stamps.heard(&2, &1 * @ms, &1 * @ms))
+  # Edges at those milliseconds, each arriving at once, with a clock equal to the kernel's.
+  defp edges(stamps \\ Stamps.new(@ms), edges_ms) do
+    Enum.reduce(edges_ms, stamps, &Stamps.add_edge(&2, &1 * @ms, &1 * @ms))
   end
 
-  defp pair(stamps, count) do
-    {:ok, times, stamps} = Stamps.pair(stamps, count)
+  defp take(stamps, count) do
+    {:ok, times, stamps} = Stamps.take(stamps, count)
     {Enum.map(times, &(&1 / @ms)), stamps}
   end
 
   describe "of samples and edges" do
     test "as many belong together in order" do
-      assert {[1.0, 2.0, 3.0], stamps} = pair(heard([1, 2, 3]), 3)
-      assert {[4.0], stamps} = pair(heard(stamps, [4]), 1)
-      assert {[], _} = pair(stamps, 1)
+      assert {[1.0, 2.0, 3.0], stamps} = take(edges([1, 2, 3]), 3)
+      assert {[4.0], stamps} = take(edges(stamps, [4]), 1)
+      assert {[], _} = take(stamps, 1)
     end
 
     test "a sample whose edge is still to come waits for it" do
-      assert {[1.0, 2.0], stamps} = pair(heard([1, 2]), 3)
-      assert {[3.0, 4.0], _} = pair(heard(stamps, [3, 4]), 2)
+      assert {[1.0, 2.0], stamps} = take(edges([1, 2]), 3)
+      assert {[3.0, 4.0], _} = take(edges(stamps, [3, 4]), 2)
     end
 
     test "a lost edge is noticed after a while, and put right" do
@@ -34,27 +34,27 @@ defmodule BB.Sensor.Mpu6050.StampsTest do
       stamps =
         for ms <- 2..9, reduce: Stamps.new(@ms) do
           stamps ->
-            {times, stamps} = pair(heard(stamps, [ms]), 2)
+            {times, stamps} = take(edges(stamps, [ms]), 2)
             assert times == [ms * 1.0]
             stamps
         end
 
-      assert {[9.000001, 10.0], stamps} = pair(heard(stamps, [10]), 2)
-      assert {[11.0], _} = pair(heard(stamps, [11]), 1)
+      assert {[9.000001, 10.0], stamps} = take(edges(stamps, [10]), 2)
+      assert {[11.0], _} = take(edges(stamps, [11]), 1)
     end
 
     test "several lost edges are put right at once" do
-      assert {[1.0, 2.0, 3.0, 4.0], _} = pair(heard([3, 4]), 4)
+      assert {[1.0, 2.0, 3.0, 4.0], _} = take(edges([3, 4]), 4)
     end
 
     test "an edge too many does not shift those after it" do
-      assert {[2.0, 3.0], stamps} = pair(heard([1, 2, 3]), 2)
-      assert {[4.0], _} = pair(heard(stamps, [4]), 1)
-      assert {[], _} = pair(heard([1]), 0)
+      assert {[2.0, 3.0], stamps} = take(edges([1, 2, 3]), 2)
+      assert {[4.0], _} = take(edges(stamps, [4]), 1)
+      assert {[], _} = take(edges([1]), 0)
     end
 
     test "many edges too many are noise" do
-      assert Stamps.pair(heard(Enum.to_list(1..10)), 1) == :noise
+      assert Stamps.take(edges(Enum.to_list(1..10)), 1) == :noise
     end
   end
 
@@ -62,17 +62,19 @@ defmodule BB.Sensor.Mpu6050.StampsTest do
     test "is compared by the edge that was heard soonest" do
       stamps =
         Stamps.new(@ms)
-        |> Stamps.heard(1 * @ms, 501 * @ms + 400_000)
-        |> Stamps.heard(2 * @ms, 502 * @ms + 20_000)
-        |> Stamps.heard(3 * @ms, 503 * @ms + 900_000)
+        |> Stamps.add_edge(1 * @ms, 501 * @ms + 400_000)
+        |> Stamps.add_edge(2 * @ms, 502 * @ms + 20_000)
+        |> Stamps.add_edge(3 * @ms, 503 * @ms + 900_000)
 
-      assert {[501.02, 502.02, 503.02], _} = pair(stamps, 3)
+      assert {[501.02, 502.02, 503.02], _} = take(stamps, 3)
     end
 
     test "never gives two samples one time, or a later one an earlier" do
-      {[501.4], stamps} = Stamps.new(@ms) |> Stamps.heard(1 * @ms, 501 * @ms + 400_000) |> pair(1)
-      {[502.4], stamps} = stamps |> Stamps.heard(2 * @ms, 503 * @ms) |> pair(1)
-      {[time], _} = stamps |> Stamps.heard(2 * @ms + 100, 500 * @ms) |> pair(1)
+      {[501.4], stamps} =
+        Stamps.new(@ms) |> Stamps.add_edge(1 * @ms, 501 * @ms + 400_000) |> take(1)
+
+      {[502.4], stamps} = stamps |> Stamps.add_edge(2 * @ms, 503 * @ms) |> take(1)
+      {[time], _} = stamps |> Stamps.add_edge(2 * @ms + 100, 500 * @ms) |> take(1)
       assert time == 502.400001
     end
 
@@ -82,17 +84,17 @@ defmodule BB.Sensor.Mpu6050.StampsTest do
       stamps =
         for ms <- 0..5000//100, reduce: Stamps.new(100 * @ms) do
           stamps ->
-            {[_time], stamps} = stamps |> Stamps.heard(ms * @ms, drift.(ms)) |> pair(1)
+            {[_time], stamps} = stamps |> Stamps.add_edge(ms * @ms, drift.(ms)) |> take(1)
             stamps
         end
 
-      {[time], _} = stamps |> Stamps.heard(5100 * @ms, drift.(5100)) |> pair(1)
+      {[time], _} = stamps |> Stamps.add_edge(5100 * @ms, drift.(5100)) |> take(1)
       assert_in_delta time, drift.(5100) / @ms, 0.021
     end
   end
 
   test "without a FIFO the last edge is the sample's" do
-    assert {3_000_000, stamps} = Stamps.last(heard([1, 2, 3]))
-    assert {[4.0], _} = pair(heard(stamps, [4]), 1)
+    assert {3_000_000, stamps} = Stamps.take_last(edges([1, 2, 3]))
+    assert {[4.0], _} = take(edges(stamps, [4]), 1)
   end
 end
