@@ -165,7 +165,7 @@ defmodule BB.Bus.I2C.Server do
     exception -> {:raise, exception, __STACKTRACE__}
   end
 
-  # A boolean (device_present?/2) does not tell a NAK from a timeout.
+  # A boolean (device_present?/2) does not distinguish a NAK from a timeout.
   defp update_recovery(_address, result, state) when is_boolean(result), do: state
   defp update_recovery(_address, {:raise, _, _}, state), do: state
 

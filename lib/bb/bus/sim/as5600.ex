@@ -90,12 +90,12 @@ defmodule BB.Bus.Sim.As5600 do
     raw = raw_angle(quantities)
     angle = raw - (register(chip, 0x01) <<< 8 ||| register(chip, 0x02)) &&& 0xFFF
 
-    values = Map.merge(%{@status => status, @agc => agc}, words([raw, angle, magnitude]))
+    values = Map.merge(%{@status => status, @agc => agc}, word_bytes([raw, angle, magnitude]))
 
     fn register -> Map.get_lazy(values, register, fn -> register(chip, register) end) end
   end
 
-  defp words(values) do
+  defp word_bytes(values) do
     for {register, value} <- Enum.zip(@words, values),
         <<high, low>> = <<value::16>>,
         pair <- [{register, high}, {register + 1, low}],

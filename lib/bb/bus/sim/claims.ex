@@ -24,6 +24,7 @@ defmodule BB.Bus.Sim.Claims do
   @typedoc "An address of an I2C bus, or the name of a device on lines."
   @type place :: term()
 
+  @typedoc "The robots that declare the device at a place."
   @type t :: %{place() => [robot :: module(), ...]}
 
   @doc """

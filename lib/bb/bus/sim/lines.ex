@@ -22,7 +22,7 @@ defmodule BB.Bus.Sim.Lines do
 
   ## Breaking things
 
-      # The pin sees only its own pull.
+      # The pin has only its own pull.
       Lines.fault({"gpiochip0", 17}, :cut)
       # A short circuit to ground; 1: to the supply.
       Lines.fault({"gpiochip0", 17}, {:short, 0})

@@ -34,6 +34,7 @@ defmodule BB.Bus.Sim.Recording do
 
     defexception [:path, :line, :reason, :message]
 
+    @typedoc "An error."
     @type t :: %__MODULE__{
             path: Path.t(),
             line: pos_integer() | nil,

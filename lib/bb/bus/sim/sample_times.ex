@@ -17,6 +17,7 @@ defmodule BB.Bus.Sim.SampleTimes do
   @enforce_keys [:start_ns, :period_ns]
   defstruct [:start_ns, :period_ns, taken: 0]
 
+  @typedoc "The sample times of a chip. `:taken` is the number of the latest sample."
   @type t :: %__MODULE__{
           start_ns: integer(),
           period_ns: pos_integer(),

@@ -75,7 +75,7 @@ defmodule BB.Sensor.EmergencyStop.Halt do
       do: {:release, %{halt | state: :released, closed_ns: nil, interrupted: 0}}
 
   def reading(halt, :closed, _now_ns), do: {:none, halt}
-  # The count goes on: half of the readings of a noisy line are open.
+  # An open contact does not reset the count: half of the readings of a noisy line are open.
   def reading(halt, :open, _now_ns), do: {:none, %{halt | closed_ns: nil}}
 
   defp halted(halt), do: %{halt | state: :halted, closed_ns: nil, interrupted: 0}

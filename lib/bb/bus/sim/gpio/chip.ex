@@ -13,7 +13,7 @@ defmodule BB.Bus.Sim.GPIO.Chip do
       %{near: 0, far: 0, fault: nil, open?: false}
 
   A change of a line (`change/5`) reaches the handle that is open on it as an edge, and the
-  devices whose pins are wired to it. What they do is applied at once or goes into the agenda.
+  devices whose pins are wired to it. Their effects are applied at once or go into the agenda.
   """
 
   alias BB.Bus.Sim.GPIO.{Agenda, Handle, Line, Part}
@@ -83,7 +83,7 @@ defmodule BB.Bus.Sim.GPIO.Chip do
   Changes a line at a time, by a function, and passes a new level on to its handle and its
   devices.
 
-  A device does not see the changes that it makes: `{:device, name}` is its `driver`.
+  A device does not get the changes that it makes: `{:device, name}` is its `driver`.
   """
   @spec change(t(), offset(), (Line.t() -> Line.t()), integer(), driver :: term()) :: t()
   def change(chip, offset, fun, time_ns, driver \\ nil) do
@@ -192,7 +192,7 @@ defmodule BB.Bus.Sim.GPIO.Chip do
     end
   end
 
-  @doc "Returns what was ever plugged in, by name."
+  @doc "Returns all devices that were ever plugged in, by name."
   @spec devices(t()) :: %{atom() => map()}
   def devices(chip) do
     Map.new(chip.parts, fn {name, part} ->

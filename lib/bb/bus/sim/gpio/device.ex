@@ -1,6 +1,6 @@
 defmodule BB.Bus.Sim.GPIO.Device do
   @moduledoc """
-  The behaviour of a simulated device on lines: a state machine that sees levels and time, and
+  The behaviour of a simulated device on lines: a state machine that gets levels and time, and
   drives levels.
 
   Implement it to simulate a device, and plug the device in with `BB.Bus.Sim.Lines.plug/3`.

@@ -132,7 +132,7 @@ defmodule BB.Bus.Sim.GPIO.Handles do
 
   def status(_chip, _offset), do: {:error, :einval}
 
-  # The kernel reports the pull that was asked for, not the one that the pin kept from before.
+  # The kernel reports the pull of the handle, not the one that the pin kept from before.
   defp reported_pull(%{pull: pull}) when pull in [:pullup, :pulldown], do: pull
   defp reported_pull(_none), do: :none
 

@@ -21,7 +21,7 @@ defmodule BB.Bus.Sim.GPIO.Line do
   3. a resistor at the far end (`:pulldown`, `:pullup`), then the pin's own pull, which is weaker;
   4. its last level. A wire without a driver floats.
 
-  A wire that is cut has two levels: the pin sees only its own pull, the devices only their
+  A wire that is cut has two levels: the pin has only its own pull, the devices have only their
   drives.
   """
 

@@ -67,7 +67,7 @@ defmodule BB.Bus.Sim.GPIO.Server do
   def handle_call(request, {pid, _tag}, state) do
     now_ns = Clock.now_ns(state.clock)
     state = %{state | chip: Chip.advance(state.chip, now_ns)}
-    {reply, state} = serve(request, pid, now_ns, state)
+    {reply, state} = handle_request(request, pid, now_ns, state)
     {:reply, reply, set_timer(state)}
   end
 
@@ -84,70 +84,71 @@ defmodule BB.Bus.Sim.GPIO.Server do
 
   # Requests of drivers, through BB.Bus.Sim.GPIO.
 
-  defp serve(:identifiers, _pid, _now_ns, state), do: {Chip.identifiers(state.chip), state}
+  defp handle_request(:identifiers, _pid, _now_ns, state),
+    do: {Chip.identifiers(state.chip), state}
 
-  defp serve({:open, spec, offsets, direction, opts}, pid, now_ns, state) do
+  defp handle_request({:open, spec, offsets, direction, opts}, pid, now_ns, state) do
     case Handles.open(state.chip, spec, offsets, direction, opts, pid, now_ns) do
       {:ok, ref, chip} -> {{:ok, ref}, %{state | chip: chip}}
       {:error, reason} -> {{:error, reason}, state}
     end
   end
 
-  defp serve({:close, ref}, _pid, now_ns, state),
+  defp handle_request({:close, ref}, _pid, now_ns, state),
     do: put({:ok, Handles.close(state.chip, ref, now_ns)}, state)
 
-  defp serve({:force_close, offset}, _pid, now_ns, state),
+  defp handle_request({:force_close, offset}, _pid, now_ns, state),
     do: put({:ok, Handles.close_all(state.chip, offset, now_ns)}, state)
 
-  defp serve({:status, offset}, _pid, _now_ns, state),
+  defp handle_request({:status, offset}, _pid, _now_ns, state),
     do: {Handles.status(state.chip, offset), state}
 
-  defp serve({:handle, ref, request}, _pid, now_ns, state) do
+  defp handle_request({:handle, ref, request}, _pid, now_ns, state) do
     {reply, chip} = Handles.call(state.chip, ref, request, now_ns)
     {reply, %{state | chip: chip}}
   end
 
   # Requests of tests and people, through BB.Bus.Sim.Lines.
 
-  defp serve({:describe, offset}, _pid, _now_ns, state),
+  defp handle_request({:describe, offset}, _pid, _now_ns, state),
     do: {Chip.describe(state.chip, offset), state}
 
-  defp serve({:drive, offset, driver, drive, nil}, _pid, now_ns, state),
+  defp handle_request({:drive, offset, driver, drive, nil}, _pid, now_ns, state),
     do: put({:ok, Chip.drive(state.chip, offset, driver, drive, now_ns)}, state)
 
-  defp serve({:drive, offset, driver, drive, time_ns}, _pid, now_ns, state) do
+  defp handle_request({:drive, offset, driver, drive, time_ns}, _pid, now_ns, state) do
     chip = Chip.schedule_drive(state.chip, offset, driver, drive, time_ns)
     put({:ok, Chip.advance(chip, now_ns)}, state)
   end
 
-  defp serve({:release, offset, driver}, _pid, now_ns, state),
+  defp handle_request({:release, offset, driver}, _pid, now_ns, state),
     do: put({:ok, Chip.release(state.chip, offset, driver, now_ns)}, state)
 
-  defp serve({:fault, offset, fault}, _pid, now_ns, state) do
+  defp handle_request({:fault, offset, fault}, _pid, now_ns, state) do
     chip = if fault == :busy, do: Handles.close_all(state.chip, offset, now_ns), else: state.chip
     put({:ok, Chip.put_fault(chip, offset, fault, now_ns)}, state)
   end
 
-  defp serve({:plug, name, device}, _pid, now_ns, state) do
+  defp handle_request({:plug, name, device}, _pid, now_ns, state) do
     if Chip.present(state.chip, name),
       do: {{:error, :name_taken}, state},
       else: state.chip |> Chip.plug(name, device, now_ns) |> put(state)
   end
 
-  defp serve({:unplug, name}, _pid, now_ns, state),
+  defp handle_request({:unplug, name}, _pid, now_ns, state),
     do: state.chip |> Chip.unplug(name, now_ns) |> put(state)
 
-  defp serve({:replug, name}, _pid, now_ns, state),
+  defp handle_request({:replug, name}, _pid, now_ns, state),
     do: state.chip |> Chip.replug(name, now_ns) |> put(state)
 
-  defp serve({:tell, name, order}, _pid, now_ns, state),
+  defp handle_request({:tell, name, order}, _pid, now_ns, state),
     do: state.chip |> Chip.order(name, order, now_ns) |> put(state)
 
-  defp serve(:devices, _pid, _now_ns, state), do: {Chip.devices(state.chip), state}
+  defp handle_request(:devices, _pid, _now_ns, state), do: {Chip.devices(state.chip), state}
 
   # Requests of robots, through BB.Bus.Sim.Wiring.
 
-  defp serve({:wire, name, device, robot}, _pid, now_ns, state) do
+  defp handle_request({:wire, name, device, robot}, _pid, now_ns, state) do
     case Claims.check(state.claims, name, Chip.present(state.chip, name), device, robot) do
       :free -> state.chip |> Chip.plug(name, device, now_ns) |> put(state) |> claim(name, robot)
       :shared -> claim({:ok, state}, name, robot)
@@ -155,7 +156,7 @@ defmodule BB.Bus.Sim.GPIO.Server do
     end
   end
 
-  defp serve({:unwire, robot}, _pid, now_ns, state) do
+  defp handle_request({:unwire, robot}, _pid, now_ns, state) do
     {claims, free} = Claims.drop(state.claims, robot)
 
     for name <- free, reduce: {:ok, %{state | claims: claims}} do
@@ -163,7 +164,7 @@ defmodule BB.Bus.Sim.GPIO.Server do
     end
   end
 
-  defp serve(_unknown, _pid, _now_ns, state), do: {{:error, :not_implemented}, state}
+  defp handle_request(_unknown, _pid, _now_ns, state), do: {{:error, :not_implemented}, state}
 
   defp put({:ok, chip}, state), do: {:ok, %{state | chip: chip}}
   defp put(refused, state), do: {refused, state}
