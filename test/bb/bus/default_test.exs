@@ -1,7 +1,7 @@
 defmodule BB.Bus.DefaultTest do
   @moduledoc "Which buses a robot gets without any configuration."
 
-  # The configuration, and the modules that stand in for a library, are everybody's.
+  # The configuration, and the modules that replace a library, are global.
   use ExUnit.Case, async: false
 
   import BB.Test.Robot
@@ -54,20 +54,20 @@ defmodule BB.Bus.DefaultTest do
     assert simulated(Run.unique("bus")) == {true, true}
   end
 
-  test "they are those of Circuits where that is, and what robots simulate stands aside" do
+  test "they are those of Circuits where it is loaded, and simulations have no effect" do
     with_circuits([Circuits.I2C, Circuits.GPIO])
     assert I2C.backend() == Circuits.I2C
     assert GPIO.module(nil) == Circuits.GPIO
     assert simulated(Run.unique("bus")) == {false, false}
   end
 
-  test "each of them follows its own library" do
+  test "each of them depends on its own library" do
     with_circuits([Circuits.GPIO])
     assert {I2C.backend(), GPIO.module(nil)} == {Sim.I2C, Circuits.GPIO}
     assert simulated(Run.unique("bus")) == {true, false}
   end
 
-  test "the configuration goes first" do
+  test "the configuration has precedence" do
     with_circuits([Circuits.I2C, Circuits.GPIO])
     Application.put_env(:ganglion, :i2c, Sim.I2C)
     Application.put_env(:ganglion, :gpio, Sim.GPIO)

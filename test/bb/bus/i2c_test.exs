@@ -87,7 +87,7 @@ defmodule BB.Bus.I2CTest do
 
   defp opens, do: Enum.count(told(), &match?({:opened, _}, &1))
 
-  # Makes the bus stuck, and its process notice.
+  # Makes the bus stuck, and waits until its process has closed it.
   defp bring_down(name, bus) do
     :ok = Sim.stuck(name)
     assert I2C.read(bus, 0x10, 1) == {:error, :timeout}
@@ -97,7 +97,7 @@ defmodule BB.Bus.I2CTest do
   end
 
   describe "the module" do
-    test "that is given stands for I2C alone" do
+    test "that is given is called directly" do
       assert I2C.module(Some.Bus) == Some.Bus
     end
 
@@ -134,7 +134,7 @@ defmodule BB.Bus.I2CTest do
       assert I2C.read(stubborn, 0x10, 1, retries: 0) == {:error, :i2c_nak}
     end
 
-    test "that is closed is closed for all who have it, and no other is", %{name: name} do
+    test "that is closed is closed for all its users, and other handles are not", %{name: name} do
       {one, other} = {open!(name), open!(name)}
       assert I2C.close(one) == :ok
       assert I2C.close(one) == :ok
@@ -187,7 +187,7 @@ defmodule BB.Bus.I2CTest do
       assert I2C.read(one, 0x10, 1) == {:error, {:errno, 9}}
     end
 
-    test "is there anew for who opens while it ends", %{name: name} do
+    test "is started again for a caller that opens the bus while it ends", %{name: name} do
       for _ <- 1..200 do
         bus = open!(name)
         assert I2C.read(bus, 0x10, 1) == {:ok, <<1>>}
@@ -344,7 +344,7 @@ defmodule BB.Bus.I2CTest do
       assert calls_of_many(bus) == [{:ok, <<1>>}, {:ok, <<2>>}]
     end
 
-    test "can be opened, and is still the one that is stuck", %{name: name} = context do
+    test "can be opened, and is still stuck", %{name: name} = context do
       {clock, _pass_ms} = stepped(context)
       bus = open!(name, timeout: 20, clock: clock)
       bring_down(name, bus)
@@ -366,7 +366,7 @@ defmodule BB.Bus.I2CTest do
       assert told() == []
     end
 
-    test "stuck for the only sensor there is, is opened anew too", %{name: name} = context do
+    test "that is stuck for its only sensor is reopened too", %{name: name} = context do
       {clock, pass_ms} = stepped(context)
       bus = open!(name, timeout: 20, clock: clock)
       :ok = Sim.stuck(name)
@@ -377,7 +377,7 @@ defmodule BB.Bus.I2CTest do
       assert I2C.read(bus, 0x10, 1) == {:ok, <<1>>}
     end
 
-    test "has somebody say so once, and once that it is up again", %{name: name} = context do
+    test "logs once that it is down, and once that it is up again", %{name: name} = context do
       {clock, pass_ms} = stepped(context)
       bus = open!(name, timeout: 20, clock: clock)
 
@@ -396,7 +396,7 @@ defmodule BB.Bus.I2CTest do
     end
   end
 
-  describe "a bus whose adapter goes" do
+  describe "a bus whose adapter is unplugged" do
     test "is found again when it is back", %{name: name} = context do
       {clock, pass_ms} = stepped(context)
       bus = open!(name, timeout: 20, clock: clock)

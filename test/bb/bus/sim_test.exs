@@ -37,7 +37,7 @@ defmodule BB.Bus.SimTest do
       {:ok, binary_part(String.duplicate(echo.last, count), 0, count), echo}
     end
 
-    # Only with an interrupt pin, which a model that cannot say what it does does not have.
+    # An interrupt pin that fails, as an order selects.
     @impl true
     def pulses(_from_ns, _to_ns, %{last: "throw pulses"}), do: throw(:ball)
     def pulses(_from_ns, _to_ns, %{last: "exit pulses"}), do: exit(:pulse)
@@ -64,7 +64,7 @@ defmodule BB.Bus.SimTest do
       assert name in I2C.bus_names()
     end
 
-    test "tells what is on it", %{name: name, bus: bus} do
+    test "lists its devices", %{name: name, bus: bus} do
       :ok = I2C.write(bus, 0x10, "a")
       :ok = Sim.fault(name, 0x11, :nak)
 
@@ -145,7 +145,7 @@ defmodule BB.Bus.SimTest do
   end
 
   describe "a device's interrupt pin" do
-    # Pulses every 5 ms while it was told a line.
+    # Pulses every 5 ms while it has a line.
     defmodule Pulsing do
       @behaviour BB.Bus.Sim.Device
 
@@ -193,7 +193,8 @@ defmodule BB.Bus.SimTest do
       assert Sim.Lines.level(context.pin) == 0
     end
 
-    test "is told at once what changes, and lets go when the wires are pulled", context do
+    test "is driven at once when its device changes, and let go when that is unplugged",
+         context do
       {:ok, bus} = I2C.open(context.pulsing)
       BB.Clock.Stepped.advance(context.robot, 12_000_000)
       :ok = I2C.write(bus, 0x20, <<0>>)
@@ -228,7 +229,7 @@ defmodule BB.Bus.SimTest do
       assert :ok = Sim.unplug(name, 0x10)
     end
 
-    test "a replugged device has forgotten what it was told", %{name: name, bus: bus} do
+    test "a replugged device has lost its state", %{name: name, bus: bus} do
       :ok = I2C.write(bus, 0x10, "a")
       :ok = Sim.unplug(name, 0x10)
       :ok = Sim.replug(name, 0x10)
@@ -279,7 +280,7 @@ defmodule BB.Bus.SimTest do
       assert I2C.read(bus, 0x10, 1) == {:ok, "a"}
     end
 
-    test "lasts as many attempts as it says", %{name: name, bus: bus} do
+    test "lasts for the number of its attempts", %{name: name, bus: bus} do
       :ok = Sim.fault(name, 0x10, {:nak, 2})
       assert I2C.read(bus, 0x10, 1) == {:error, :i2c_nak}
       assert I2C.read(bus, 0x10, 1) == {:error, :i2c_nak}
@@ -308,7 +309,7 @@ defmodule BB.Bus.SimTest do
       assert I2C.read(stubborn, 0x10, 1, retries: 0) == {:ok, "?"}
     end
 
-    test "that is none raises", %{name: name} do
+    test "that is invalid raises", %{name: name} do
       for wrong <-
             [:broken, {:nak, 0}, {:nak, :once}, {:errno, 0}, nil, {:slow, 0}, {:bit_errors, 0}] ++
               [
@@ -321,7 +322,7 @@ defmodule BB.Bus.SimTest do
       end
     end
 
-    test "goes with the wires that are pulled", %{name: name, bus: bus} do
+    test "is cleared when the device is unplugged", %{name: name, bus: bus} do
       :ok = Sim.fault(name, 0x10, :nak)
       :ok = Sim.unplug(name, 0x10)
       :ok = Sim.replug(name, 0x10)
@@ -427,13 +428,13 @@ defmodule BB.Bus.SimTest do
       assert I2C.read(bus, 0x10, 1) == {:ok, <<0b1100>>}
     end
 
-    test "both hear what is written", %{name: name, bus: bus} do
+    test "both get the bytes that are written", %{name: name, bus: bus} do
       :ok = Sim.fault(name, 0x10, {:twin, {Echo, last: <<0>>}})
       assert I2C.write(bus, 0x10, "both") == :ok
       assert I2C.read(bus, 0x10, 4) == {:ok, "both"}
     end
 
-    test "one that answers is enough", %{name: name, bus: bus} do
+    test "one acknowledgement is enough", %{name: name, bus: bus} do
       capture_log(fn -> assert I2C.write(bus, 0x10, "crash") == {:error, :i2c_nak} end)
       :ok = Sim.fault(name, 0x10, {:twin, {Echo, last: "2"}})
       assert I2C.read(bus, 0x10, 1) == {:ok, "2"}
@@ -505,7 +506,7 @@ defmodule BB.Bus.SimTest do
       end
     end
 
-    test "in what it says of its interrupt pin leaves the device and the bus alone", context do
+    test "in the pulses of its interrupt pin affects neither the device nor the bus", context do
       %{name: name, bus: bus} = context
 
       for text <- ["throw pulses", "exit pulses", "wrong pulses"] do
@@ -517,7 +518,7 @@ defmodule BB.Bus.SimTest do
       assert %{0x10 => %{broken?: false}} = Sim.devices(name)
     end
 
-    test "takes that device off the bus until it is plugged in again, and says why", %{
+    test "takes that device off the bus until it is plugged in again, and is logged", %{
       name: name,
       bus: bus
     } do

@@ -1,5 +1,5 @@
 defmodule BB.Sensor.As5600ConformanceTest do
-  # The chip has nothing that tells it from another.
+  # The chip has no identity.
   use BB.Sensor.Conformance,
     driver: {BB.Sensor.As5600, rate: 100},
     device: {BB.Bus.Sim.As5600, source: [angle: 1.0]},

@@ -11,7 +11,7 @@ defmodule BB.Sensor.As5600Test do
 
   @step 2 * :math.pi() / 4096
 
-  # The magnet's angle, in thousandths of a turn, is what the test sets it to.
+  # The test sets the magnet's angle, in thousandths of a turn.
   setup context do
     knob = :counters.new(1, [])
     source = fn _seconds -> [angle: :counters.get(knob, 1) * 2 * :math.pi() / 1000] end
@@ -59,7 +59,7 @@ defmodule BB.Sensor.As5600Test do
       assert velocity > 0
     end
 
-    test "begins in the turn that is asked for", %{bench: bench, knob: knob} do
+    test "begins in the turn of the option", %{bench: bench, knob: knob} do
       :counters.put(knob, 1, 750)
       Bench.start!(bench)
       assert_in_delta position(Bench.reading()), -:math.pi() / 2, @step
@@ -70,7 +70,7 @@ defmodule BB.Sensor.As5600Test do
     end
   end
 
-  test "the chip gets its settings, and keeps those that are none of ours", %{bench: bench} do
+  test "the chip gets its settings, and keeps the other bits", %{bench: bench} do
     {:ok, bus} = I2C.open(bench.bus)
     :ok = I2C.write(bus, 0x36, <<0x07, 0xC4, 0x53>>)
     Bench.start!(bench, filter: 4, hysteresis: 2)
@@ -102,7 +102,7 @@ defmodule BB.Sensor.As5600Test do
       end
     end
 
-    test "with options that are wrong, and says which", %{bench: bench} do
+    test "with wrong options, and names them", %{bench: bench} do
       for {opts, message} <- [
             {[address: 0x37], ":address"},
             {[rate: 0], "expected a frequency of 1 to 1000 hertz"},
@@ -118,7 +118,7 @@ defmodule BB.Sensor.As5600Test do
     end
   end
 
-  test "a weak or strong magnet can be believed, a missing one not", %{bench: bench} do
+  test "a weak or strong magnet can be accepted, a missing one cannot", %{bench: bench} do
     for magnet <- [:weak, :strong] do
       replace(bench, magnet: magnet, angle: 0.0)
       Bench.start!(bench, magnet: :any)
@@ -156,7 +156,7 @@ defmodule BB.Sensor.As5600Test do
                {:shutdown, {:too_fast, bench.bus, 0x36}}
     end
 
-    test "a pulled wire ends it after three readings, and nothing is published", %{bench: bench} do
+    test "a pulled wire ends it after three readings without a message", %{bench: bench} do
       pid = Bench.start!(bench)
 
       assert Bench.reason_after(pid, fn -> :ok = Sim.unplug(bench.bus, 0x36) end) ==
@@ -184,7 +184,7 @@ defmodule BB.Sensor.As5600Test do
              As5600.handle_options(Bench.options(bench, address: 0x40), sensor)
   end
 
-  test "every reason has words" do
+  test "every reason is explained" do
     for reason <- [:no_magnet, :magnet_too_weak, :magnet_too_strong, :too_fast, :restarted] do
       assert As5600.explain({reason, "i2c-1", 0x36}) =~ "0x36 on i2c-1"
     end

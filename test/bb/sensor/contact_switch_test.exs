@@ -35,14 +35,14 @@ defmodule BB.Sensor.ContactSwitchTest do
   end
 
   @tag contact: [bounce_ns: 4 * @ms, bounces: 5]
-  test "what bounces is one change", bench do
+  test "a bouncing contact is one change", bench do
     pid = switch!(bench)
     :ok = Lines.tell(bench.chip, :bumper, :press)
     pass(bench, 0.09, pid)
     assert contacts() == [true]
   end
 
-  test "a disturbance shorter than the debounce time is none", bench do
+  test "a disturbance shorter than the debounce time is no change", bench do
     pid = switch!(bench, debounce: BB.Unit.new!(2, :millisecond))
     :ok = Lines.drive({bench.chip, 17}, 0)
     pass(bench, 0.001, pid)
@@ -70,7 +70,7 @@ defmodule BB.Sensor.ContactSwitchTest do
     assert contacts() == [false, true]
   end
 
-  test "pressed before it is started, it says so with its first message", bench do
+  test "a contact pressed before the start is pressed in the first message", bench do
     :ok = Lines.tell(bench.chip, :bumper, :press)
     pid = switch!(bench)
     pass(bench, @period, pid)

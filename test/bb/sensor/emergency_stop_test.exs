@@ -146,7 +146,7 @@ defmodule BB.Sensor.EmergencyStopTest do
     assert eventually(fn -> Safety.arm(robot) == :ok end)
   end
 
-  test "killed again and again, at no time is the robot armed with nobody watching", context do
+  test "killed repeatedly, it never leaves the robot armed and unwatched", context do
     robot = start!(context)
     test = self()
 
@@ -176,7 +176,7 @@ defmodule BB.Sensor.EmergencyStopTest do
     assert_disarmed(robot)
   end
 
-  test "a line that is lost disarms the robot, and the sensor says why", context do
+  test "a line that is lost disarms the robot, and the sensor stops with the reason", context do
     robot = armed!(context)
     :ok = Lines.fault(context.wire, :busy)
     assert_disarmed(robot)
@@ -208,7 +208,7 @@ defmodule BB.Sensor.EmergencyStopTest do
     assert Safety.arm(robot) == @pressed
   end
 
-  test "the robot started anew is not armed before the stop has been looked at", context do
+  test "a restarted robot cannot be armed before the contact was read", context do
     robot = armed!(context)
     stop_supervised!(robot)
     :ok = Lines.tell(context.chip, :button, :press)

@@ -58,7 +58,7 @@ defmodule BB.Sensor.HcSr04Test do
     end
 
     @tag device: [distance: 2.5]
-    test "is :infinity beyond the range that is asked for", bench do
+    test "is :infinity beyond the option max_range", bench do
       pid = sonar!(bench, max_range: BB.Unit.new!(200, :centimeter))
       pass(bench, @period + 0.05, pid)
       assert [%Range{range: :infinity, max_range: 2.0, min_range: 0.02} = range] = published()
@@ -82,7 +82,7 @@ defmodule BB.Sensor.HcSr04Test do
     end
 
     @tag device: [distance: 1.0, speed_of_sound: 331.0]
-    test "goes by the speed of sound that it is told", bench do
+    test "uses the speed of sound of its option", bench do
       pid = sonar!(bench, speed_of_sound: 331)
       pass(bench, @period + 0.05, pid)
       assert [range] = ranges()
@@ -96,7 +96,7 @@ defmodule BB.Sensor.HcSr04Test do
     end
 
     @tag device: [distance: &__MODULE__.coming/1]
-    test "is that of its own moment, not of the one before", bench do
+    test "is measured at its own time, not at the one before", bench do
       pid = sonar!(bench)
       pass(bench, 2.05, pid)
       seen = ranges()
@@ -118,7 +118,7 @@ defmodule BB.Sensor.HcSr04Test do
     assert down_ns - up_ns >= 10_000
   end
 
-  describe "what goes wrong:" do
+  describe "a fault:" do
     test "no echo, three times in a row", bench do
       pid = sonar!(bench)
       monitor = Process.monitor(pid)
@@ -149,7 +149,7 @@ defmodule BB.Sensor.HcSr04Test do
       assert ranges() == []
     end
 
-    test "once, and it goes on", bench do
+    test "once, and it continues", bench do
       pid = sonar!(bench)
       :ok = Lines.unplug(bench.chip, :sonar)
       pass(bench, 2 * @period, pid)
@@ -183,7 +183,7 @@ defmodule BB.Sensor.HcSr04Test do
     defp await(robot, state),
       do: assert(eventually(fn -> Robot.health(robot, :sonar).state == state end))
 
-    test "it is not up before it has heard an echo", %{robot: robot, chip: chip} do
+    test "it is not up before its first echo", %{robot: robot, chip: chip} do
       :ok = Lines.fault({chip, 24}, :cut)
       start_supervised!(robot)
       await(robot, :backoff)
@@ -192,7 +192,7 @@ defmodule BB.Sensor.HcSr04Test do
       await(robot, :up)
     end
 
-    test "disarming sets the trigger low, and the sensor goes on", %{robot: robot} do
+    test "disarming sets the trigger low, and the sensor continues", %{robot: robot} do
       start_supervised!(robot)
       await(robot, :up)
       pid = BB.Process.whereis(robot, :sonar)

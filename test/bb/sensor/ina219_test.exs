@@ -31,7 +31,7 @@ defmodule BB.Sensor.Ina219Test do
   end
 
   @tag device: [source: [current: 0.0]]
-  test "a current of zero is believed", %{bench: bench} do
+  test "a current of zero is published", %{bench: bench} do
     Bench.start!(bench, rate: 200)
     assert Bench.reading().payload.current == 0.0
     assert Bench.reading().payload.current == 0.0
@@ -54,12 +54,12 @@ defmodule BB.Sensor.Ina219Test do
     assert I2C.write_read(bus, 0x40, <<5>>, 2) == {:ok, <<33_554::16>>}
   end
 
-  test "the messages' frame is the one that is asked for", %{bench: bench} do
+  test "the messages have the frame of the option", %{bench: bench} do
     Bench.start!(bench, frame_id: :battery)
     assert Bench.reading().frame_id == :battery
   end
 
-  test "a measurement is published once, however often it is asked for", %{bench: bench} do
+  test "a measurement is published once, at any rate", %{bench: bench} do
     {:ok, chip} = Ina219.open(Bench.options(bench, rate: 1))
     # The first is there when the start returns, and the next more than a tenth of a second later.
     assert {:ok, _reading, chip} = Ina219.measure(chip, 0)
@@ -97,7 +97,7 @@ defmodule BB.Sensor.Ina219Test do
       assert Bench.start(bench, shunt: 0.1, max_current: 5) == {:error, {:shunt_too_large, 0.5}}
     end
 
-    test "with options that are wrong, and says which", %{bench: bench} do
+    test "with wrong options, and names them", %{bench: bench} do
       for {opts, message} <- [
             {[address: 0x50], ":address"},
             {[rate: 501], "expected a frequency of 1 to 500 hertz"},
@@ -112,7 +112,7 @@ defmodule BB.Sensor.Ina219Test do
   end
 
   describe "in use" do
-    test "a current beyond its range is no reading, and ends it with the reason", %{bench: bench} do
+    test "a current beyond its range ends it with the reason", %{bench: bench} do
       current = :counters.new(1, [])
       source = fn _seconds -> [current: :counters.get(current, 1) / 1] end
       :ok = Sim.unplug(bench.bus, 0x40)
@@ -133,7 +133,7 @@ defmodule BB.Sensor.Ina219Test do
       end
     end
 
-    test "a pulled wire ends it after three readings, and nothing is published", %{bench: bench} do
+    test "a pulled wire ends it after three readings without a message", %{bench: bench} do
       pid = Bench.start!(bench, rate: 200)
 
       assert Bench.reason_after(pid, fn -> :ok = Sim.unplug(bench.bus, 0x40) end) ==
@@ -159,7 +159,7 @@ defmodule BB.Sensor.Ina219Test do
   end
 
   @tag device: [source: [current: 0.2]]
-  test "new options set the chip up anew", %{bench: bench} do
+  test "new options set the chip up again", %{bench: bench} do
     {:ok, sensor} = Ina219.init(Bench.options(bench, rate: 100))
     assert {:ok, sensor} = Ina219.handle_options(Bench.options(bench, max_current: 0.4), sensor)
     {:ok, bus} = I2C.open(bench.bus)
@@ -169,7 +169,7 @@ defmodule BB.Sensor.Ina219Test do
     assert {:error, {:bus, _, _, {:errno, 9}}} = Ina219.check(sensor.device)
   end
 
-  test "every reason has words" do
+  test "every reason is explained" do
     assert Ina219.explain({:idle, "i2c-1", 0x40}) =~ "0x40 on i2c-1 has stopped measuring"
     assert Ina219.explain({:no_answer, "i2c-1", 0x40}) =~ "no answer at 0x40 on i2c-1"
   end

@@ -1,5 +1,6 @@
 defmodule BB.Sensor.Mpu6050ConformanceTest do
-  # A reset takes no time: the driver waits by the machine's clock, and stepped time may be behind that on a busy machine.
+  # A reset takes no time: the driver waits by the machine's clock, and stepped time may be behind
+  # that on a busy machine.
   use BB.Sensor.Conformance,
     driver: {BB.Sensor.Mpu6050, rate: 100},
     device: {BB.Bus.Sim.Mpu6050, source: :motion, reset_ms: 0},

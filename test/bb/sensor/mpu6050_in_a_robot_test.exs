@@ -54,7 +54,7 @@ defmodule BB.Sensor.Mpu6050InARobotTest do
     end
   end
 
-  test "an IMU that is unplugged is in backoff, and up within a second of being plugged in again" do
+  test "an unplugged IMU is in backoff, and up within a second of being plugged in again" do
     start_robot()
     receive_imu()
     {:ok, _} = BB.subscribe(Robot, [:sensor, :base_link, :spare])
@@ -108,11 +108,11 @@ defmodule BB.Sensor.Mpu6050InARobotTest do
     start_supervised!({Sim, buses: %{@bus => [devices: %{0x68 => {Sim.Mpu6050, []}}]}})
     receive_imu()
 
-    # Before the bus, which would else be gone first: the next test would hear of that.
+    # Before the bus, whose end would otherwise reach the next test.
     stop_supervised!(Robot)
   end
 
-  test "a bus that is stuck takes all of its sensors down, and they come back when it is released" do
+  test "a stuck bus takes all of its sensors down, and they are up again after its release" do
     start_robot()
     receive_imu()
     :ok = Sim.stuck(@bus)
@@ -128,7 +128,7 @@ defmodule BB.Sensor.Mpu6050InARobotTest do
   defp bus_that_is(state),
     do: Enum.find(BB.Bus.I2C.health(), &(&1.bus == @bus and &1.state == state))
 
-  test "a brief loss of power is noticed, and the IMU set up anew" do
+  test "a brief loss of power is detected, and the IMU set up again" do
     start_robot()
     receive_imu()
     :ok = Sim.unplug(@bus, 0x68)

@@ -14,7 +14,7 @@ defmodule BB.Sensor.Mpu6050Test do
   @recording Path.expand("../../../../shared/data/imu/recording.csv", __DIR__)
   @patience_ms 60_000
 
-  # The bus's clock goes on by 5 ms with each reading and stands still otherwise.
+  # The bus's clock advances by 5 ms with each reading, and stands still otherwise.
   defmodule SteppedI2C do
     def open(name, opts) do
       with {:ok, bus} <- I2C.open(name, opts),
@@ -55,7 +55,7 @@ defmodule BB.Sensor.Mpu6050Test do
     :ok = Sim.plug(context.name, 0x68, {Sim.Mpu6050, opts})
   end
 
-  # The temperature is the one whose raw value is 0.
+  # The raw value of the temperature is 0.
   defp felt(acceleration, angular_velocity \\ {0.0, 0.0, 0.0}),
     do: %{acceleration: acceleration, angular_velocity: angular_velocity, temperature: 36.53}
 
@@ -114,7 +114,7 @@ defmodule BB.Sensor.Mpu6050Test do
       assert imu.linear_acceleration_covariance == nil
     end
 
-    test "has the frame that is asked for", context do
+    test "has the frame of the option", context do
       start!(sensor(context, frame_id: :imu_optical))
       assert receive_imu().frame_id == :imu_optical
     end
@@ -161,7 +161,7 @@ defmodule BB.Sensor.Mpu6050Test do
     defp pending,
       do: Process.info(self(), :messages) |> elem(1) |> Enum.count(&match?({:bb, _, _}, &1))
 
-    test "that truly feels nothing at all is believed", context do
+    test "with readings of zero is published", context do
       plug(context, source: {:stepped, [felt({0.0, 0.0, 0.0})]})
       start!(sensor(context))
       assert %{linear_acceleration: %{z: +0.0}} = receive_imu().payload
@@ -170,8 +170,8 @@ defmodule BB.Sensor.Mpu6050Test do
 
   describe "the samples" do
     if File.exists?(@recording) do
-      # The test gives the rhythm: ticks may come at any time, those of the loop among them.
-      test "are those of the recording, each within one step of the range, none left out or doubled",
+      # The test sends the ticks. Those of the loop can come at any time.
+      test "are those of the recording within one step of the range, none left out or doubled",
            context do
         recording = BB.Bus.Sim.Recording.load!(@recording)
         plug(context, source: {:stepped, recording})
@@ -184,7 +184,7 @@ defmodule BB.Sensor.Mpu6050Test do
       end
     else
       @tag skip: "the recording #{Path.relative_to_cwd(@recording)} is not there"
-      test "are those of the recording, each within one step of the range, none left out or doubled"
+      test "are those of the recording within one step of the range, none left out or doubled"
     end
 
     test "at 200 Hz are those of every 5 ms", context do
@@ -244,12 +244,12 @@ defmodule BB.Sensor.Mpu6050Test do
     end
 
     @tag device: [model: :mpu6500]
-    test "with another of its family than it is told", context do
+    test "with another model of its family than the option", context do
       assert {:error, reason} = start(sensor(context, model: :mpu9250))
       assert reason_within(reason) == {:wrong_chip, context.name, 0x68, 0x70, 0x71}
     end
 
-    test "with a FIFO without a line to tell of it", context do
+    test "with a FIFO without an interrupt line", context do
       assert {:error, reason} = start(sensor(context, fifo: true))
       assert reason_within(reason) == :fifo_without_interrupt
       assert Mpu6050.explain(:fifo_without_interrupt) =~ "needs interrupt:"
@@ -261,7 +261,7 @@ defmodule BB.Sensor.Mpu6050Test do
       assert reason_within(reason) == {:timeout, context.name, 0x68}
     end
 
-    test "with options that are wrong, and says which", context do
+    test "with wrong options, and names them", context do
       for {opts, message} <- [
             {[address: 0x70], ":address"},
             {[rate: 3], "expected a frequency of 4 to 1000 hertz"},
@@ -307,7 +307,7 @@ defmodule BB.Sensor.Mpu6050Test do
       for n <- 1..100, do: assert(shown(receive_imu()) == first + n)
     end
 
-    # Sample n feels n steps of the ±16 g range in x.
+    # Sample n has n steps of the ±16 g range in x.
     defp ruler(size), do: for(n <- 1..size, do: felt({n * 9.80665 / 2048, 0.0, 9.8}))
 
     defp shown(message), do: round(message.payload.linear_acceleration.x * 2048 / 9.80665)
@@ -364,7 +364,7 @@ defmodule BB.Sensor.Mpu6050Test do
     end
 
     @tag device: [reset_ms: 60_000]
-    test "of a chip that does not take its settings ends the start", context do
+    test "of a chip that does not keep its settings ends the start", context do
       assert {:error, {{:not_configured, name, 0x68}, _child}} = start(sensor(context))
       assert name == context.name
       refute_received {:bb, _, _}
@@ -383,7 +383,7 @@ defmodule BB.Sensor.Mpu6050Test do
   end
 
   describe "new options" do
-    test "set the chip up anew", context do
+    test "set the chip up again", context do
       opts = validated(sensor(context, rate: 100))
       {:ok, sensor} = Mpu6050.init(opts)
       assert {:ok, sensor} = Mpu6050.handle_options(Keyword.put(opts, :filter, 5), sensor)
@@ -392,7 +392,7 @@ defmodule BB.Sensor.Mpu6050Test do
       Mpu6050.terminate(:normal, sensor)
     end
 
-    test "that lead nowhere end it with the reason", context do
+    test "that fail end it with the reason", context do
       opts = validated(sensor(context))
       {:ok, sensor} = Mpu6050.init(opts)
       opts = Keyword.put(opts, :address, 0x69)

@@ -1,5 +1,5 @@
 defmodule BB.Sensor.QuadratureEncoderConformanceTest do
-  # A wheel at rest has no edges that could be missed, and noise on both lines at once looks like one that turns.
+  # A wheel at rest misses no edges, and noise on both lines looks like a turning wheel.
   use BB.Sensor.Conformance,
     driver:
       {BB.Sensor.QuadratureEncoder, &[a: {&1.chip, 5}, b: {&1.chip, 6}, pulses: 11, rate: 50]},

@@ -71,7 +71,7 @@ defmodule BB.Sensor.QuadratureEncoderTest do
     assert velocity == 0.0
   end
 
-  test "when the wire of one line is broken it stops and names both", bench do
+  test "when the wire of one line is broken it stops, with both lines in the reason", bench do
     pid = encoder!(bench)
     monitor = Process.monitor(pid)
     :ok = Lines.fault({bench.chip, 6}, :cut)

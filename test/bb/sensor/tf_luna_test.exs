@@ -16,7 +16,7 @@ defmodule BB.Sensor.TfLunaTest do
   defp replace(bench, source),
     do: Bench.replace(bench, 0x10, {Sim.TfLuna, source: source})
 
-  # What the sensor sees is what the test sets.
+  # The test sets the target.
   defp knob(bench, signal) do
     knob = :counters.new(1, [])
     :counters.put(knob, 1, signal)
@@ -51,19 +51,19 @@ defmodule BB.Sensor.TfLunaTest do
       assert_in_delta message.payload.field_of_view, 0.0349, 0.0001
     end
 
-    test "without enough light from anywhere says that nothing is in reach", %{bench: bench} do
+    test "without enough light is :infinity", %{bench: bench} do
       replace(bench, distance: 3.0, signal: 99)
       Bench.start!(bench)
       assert Bench.reading().payload.range == :infinity
     end
 
-    test "says the same of what is beyond its range", %{bench: bench} do
+    test "is :infinity beyond its range", %{bench: bench} do
       replace(bench, distance: 9.5)
       Bench.start!(bench)
       assert Bench.reading().payload.range == :infinity
     end
 
-    test "needs as strong a signal as is asked for", %{bench: bench} do
+    test "needs a signal as strong as the option", %{bench: bench} do
       replace(bench, distance: 3.0, signal: 499)
       Bench.start!(bench, min_signal: 500)
       assert Bench.reading().payload.range == :infinity
@@ -71,7 +71,7 @@ defmodule BB.Sensor.TfLunaTest do
   end
 
   describe "a measurement" do
-    test "is published once, however often it is asked for" do
+    test "is published once, at any rate" do
       {name, clock} = frozen({Sim.TfLuna, source: [distance: 2.0]})
 
       {:ok, chip} = open(name)
@@ -84,7 +84,7 @@ defmodule BB.Sensor.TfLunaTest do
       TfLuna.close(chip)
     end
 
-    test "is not what the chip shows before its first one" do
+    test "is none before the chip's first one" do
       {name, clock} = frozen({Sim.TfLuna, []})
       :counters.put(clock, 1, 10_000_000)
       {:ok, chip} = open(name)
@@ -95,12 +95,12 @@ defmodule BB.Sensor.TfLunaTest do
       TfLuna.close(chip)
     end
 
-    test "that was ordered has the time of its order" do
+    test "that was triggered has the time of its trigger" do
       {name, clock} = frozen({Sim.TfLuna, source: [distance: 2.0]})
 
       {:ok, chip} = open(name, mode: :triggered)
 
-      # Nothing was ordered before.
+      # Nothing was triggered before.
       :counters.put(clock, 1, 20_000_000)
       assert {:none, {:idle, _, 0x10}, chip} = TfLuna.measure(chip, 20_000_000)
       :counters.put(clock, 1, 40_000_000)
@@ -131,7 +131,7 @@ defmodule BB.Sensor.TfLunaTest do
       TfLuna.close(chip)
     end
 
-    test "may measure when it is told", %{bench: bench} do
+    test "can measure when triggered", %{bench: bench} do
       Bench.start!(bench, mode: :triggered, rate: 100)
       assert Bench.reading().payload.range == 1.0
       assert Bench.reading().payload.range == 1.0
@@ -153,7 +153,7 @@ defmodule BB.Sensor.TfLunaTest do
 
     test "with too much light", %{bench: bench} do
       replace(bench, signal: 65_535)
-      # Before its first measurement it knows nothing yet.
+      # Before its first measurement it has no data.
       {:ok, bus} = I2C.open(bench.bus)
       :ok = I2C.write(bus, 0x10, <<0x26, 250>>)
       :ok = I2C.write(bus, 0x10, <<0x20, 1, 2>>)
@@ -164,7 +164,7 @@ defmodule BB.Sensor.TfLunaTest do
     defp measured?(bus),
       do: match?({:ok, <<_, _, 0xFF, 0xFF>>}, I2C.write_read(bus, 0x10, <<0>>, 4))
 
-    test "with options that are wrong, and says which", %{bench: bench} do
+    test "with wrong options, and names them", %{bench: bench} do
       for {opts, message} <- [
             {[address: 0x78], ":address"},
             {[rate: 201], "expected a frequency of 1 to 200 hertz"},
@@ -183,12 +183,12 @@ defmodule BB.Sensor.TfLunaTest do
       pid = Bench.start!(bench, rate: 100)
       Bench.reading()
 
-      # What was measured before may still be read once.
+      # A measurement from before may still be read once.
       fault = fn -> :counters.put(knob, 1, 65_535) end
       assert Bench.reason_of_end(pid, fault) == {:shutdown, {:dazzled, bench.bus, 0x10}}
     end
 
-    test "a pulled wire ends it after three readings, and nothing is published", %{bench: bench} do
+    test "a pulled wire ends it after three readings without a message", %{bench: bench} do
       pid = Bench.start!(bench)
 
       assert Bench.reason_after(pid, fn -> :ok = Sim.unplug(bench.bus, 0x10) end) ==
@@ -222,7 +222,7 @@ defmodule BB.Sensor.TfLunaTest do
     end
   end
 
-  test "new options set the chip up anew", %{bench: bench} do
+  test "new options set the chip up again", %{bench: bench} do
     {:ok, sensor} = TfLuna.init(Bench.options(bench, rate: 50))
     assert {:ok, sensor} = TfLuna.handle_options(Bench.options(bench, rate: 100), sensor)
     {:ok, bus} = I2C.open(bench.bus)
@@ -231,7 +231,7 @@ defmodule BB.Sensor.TfLunaTest do
     assert {:error, {:bus, _, _, {:errno, 9}}} = TfLuna.check(sensor.device)
   end
 
-  test "every reason has words" do
+  test "every reason is explained" do
     for reason <- [:dazzled, :idle, :no_answer],
         do: assert(TfLuna.explain({reason, "i2c-1", 0x10}) =~ "0x10 on i2c-1")
   end

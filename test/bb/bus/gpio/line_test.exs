@@ -28,7 +28,7 @@ defmodule BB.Bus.GPIO.LineTest do
     assert Line.close(first) == :ok
   end
 
-  test "what is not there, or another program has, is said with its name", %{chip: chip} do
+  test "the error of a missing or busy line has the line's name", %{chip: chip} do
     assert Line.open(GPIO, {chip, 8}, :input, []) == {:error, {:line_not_found, {chip, 8}}}
     assert Line.open(GPIO, "LED", :input, []) == {:error, {:line_not_found, "LED"}}
     :ok = Lines.fault({chip, 1}, :busy)
@@ -55,7 +55,7 @@ defmodule BB.Bus.GPIO.LineTest do
     assert Line.check_quiet(line) == {:error, {:noise, spec}}
   end
 
-  test "what is opened in vain is given back", %{spec: spec} do
+  test "a line whose preparation fails is closed", %{spec: spec} do
     open = fn -> Line.open(GPIO, spec, :input, []) end
     assert Line.open_with(open, fn _line -> {:error, :deaf} end) == {:error, :deaf}
     assert {:ok, _handle} = GPIO.open(spec, :input)

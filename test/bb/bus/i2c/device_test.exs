@@ -47,7 +47,7 @@ defmodule BB.Bus.I2C.DeviceTest do
     end
   end
 
-  test "a missing bus is told", %{opts: opts} do
+  test "a missing bus is an error", %{opts: opts} do
     assert Device.open(Keyword.put(opts, :bus, "i2c-none")) ==
              {:error, {:bus_not_found, "i2c-none"}}
   end
@@ -72,7 +72,7 @@ defmodule BB.Bus.I2C.DeviceTest do
              "0x0102 instead of 0x399F"
   end
 
-  test "every reason has words that name the place" do
+  test "every reason is explained with the name of the place" do
     for reason <- [
           {:no_answer, "i2c-7", 0x69},
           {:timeout, "i2c-7", 0x69},

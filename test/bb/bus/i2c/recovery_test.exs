@@ -24,7 +24,7 @@ defmodule BB.Bus.I2C.RecoveryTest do
       assert phase_after([{1, @timeout}, {2, @timeout}], [1, 2]) == :down
     end
 
-    test "is not when somebody answers between, be it with a NAK" do
+    test "is not when a device answers in between, even with a NAK" do
       for answer <- [:ok, {:ok, <<1>>}, {:error, :i2c_nak}, {:error, :retry}] do
         assert phase_after([{1, @timeout}, {3, answer}, {2, @timeout}], [1, 2, 3]) == :up
       end
@@ -80,7 +80,7 @@ defmodule BB.Bus.I2C.RecoveryTest do
       end)
     end
 
-    test "waits longer too when it cannot be opened, and says why" do
+    test "also waits longer when it cannot be opened, and returns the reason" do
       down = transfer(up(), [{1, {:error, {:errno, 19}}}], [1])
       down = Recovery.open_failed(down, :bus_not_found, 10)
       assert Recovery.next_step(down, 29) == {:error, :bus_not_found}
@@ -93,7 +93,7 @@ defmodule BB.Bus.I2C.RecoveryTest do
       %{trying: up() |> transfer([{1, @timeout}, {2, @timeout}], [1, 2]) |> Recovery.opened()}
     end
 
-    test "is well again with the first answer, and begins anew with 10 ms", %{trying: trying} do
+    test "is up with the first answer, and starts again with 10 ms", %{trying: trying} do
       well = transfer(trying, [{1, @timeout}, {2, {:error, :i2c_nak}}], [1, 2])
       assert well.phase == :up
       down = transfer(well, [{2, @timeout}, {3, @timeout}], [1, 2, 3])
@@ -109,7 +109,7 @@ defmodule BB.Bus.I2C.RecoveryTest do
     end
   end
 
-  test "trouble is remembered, an address that fails alone is none" do
+  test "timeouts at every address are trouble, those at one of several addresses are not" do
     refute Recovery.troubled?(Recovery.new())
     refute Recovery.troubled?(up())
     assert Recovery.troubled?(transfer(up(), [{1, @timeout}], [1]))

@@ -37,7 +37,7 @@ defmodule BB.Bus.Linux.GPIOTest do
     assert macro_exported?(GPIO, :is_gpio_spec, 1)
   end
 
-  test "wrong arguments raise, in Circuits' words" do
+  test "wrong arguments raise with Circuits' messages" do
     for {words, fun} <- [
           {~r/Invalid GPIO spec: :led/, fn -> GPIO.open(:led, :input) end},
           {~r/Invalid direction: :up/, fn -> GPIO.open({"gpiochip0", 1}, :up) end},
@@ -63,7 +63,7 @@ defmodule BB.Bus.Linux.GPIOTest do
     assert GPIO.status(@group) == {:error, :group_handle}
   end
 
-  test "a line that is not there is told, by whatever spec it is asked for" do
+  test "a missing line is an error for every kind of spec" do
     for spec <- [
           {"gpiochip0", 1},
           {"gpiochip/../null", 1},
@@ -84,7 +84,7 @@ defmodule BB.Bus.Linux.GPIOTest do
     assert GPIO.identifiers("LED") == {:error, :not_found}
   end
 
-  test "a group that cannot be is refused before any line is asked for" do
+  test "an invalid group is refused before any line is opened" do
     assert GPIO.open([{"gpiochip0", 1}, {"gpiochip1", 1}], :input) ==
              {:error, :multiple_controllers}
 
@@ -100,7 +100,9 @@ defmodule BB.Bus.Linux.GPIOTest do
     assert GPIO.enumerate() == []
   end
 
-  test "no rights are told, also of a label that one may not look for", %{tmp_dir: folder} do
+  test "missing rights are an error, also for a label on a chip without rights", %{
+    tmp_dir: folder
+  } do
     path = Path.join(folder, "gpiochip0")
     File.write!(path, "")
 

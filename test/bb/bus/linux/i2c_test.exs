@@ -11,7 +11,7 @@ defmodule BB.Bus.Linux.I2CTest do
   @moduletag :tmp_dir
   setup :use_folder
 
-  # Arguments are checked before the kernel is asked.
+  # Arguments are checked before the kernel is called.
   @bus %I2C{ref: nil, name: "i2c-1", path: "", inode: nil, retries: 0, flags: []}
 
   test "has the functions of Circuits 2, each with its arities" do
@@ -36,14 +36,14 @@ defmodule BB.Bus.Linux.I2CTest do
     Circuits.assert_i2c(I2C)
   end
 
-  test "wrong arguments raise, and say what they are" do
+  test "wrong arguments raise, with the argument in the message" do
     Circuits.assert_i2c_raises(I2C, "i2c-1", @bus)
     assert_raise ArgumentError, ~r/0\.\.127.*got: 208/, fn -> I2C.write(@bus, 0xD0, <<0>>) end
     assert_raise ArgumentError, ~r/timeout/, fn -> I2C.open("i2c-1", timeout: 0x80000000) end
     assert_raise ArgumentError, fn -> I2C.write_read(@bus, 0x10, [256], 1) end
   end
 
-  test "a bus that is not there is told, by whatever name it is asked for" do
+  test "a missing bus is an error for every kind of name" do
     for name <- ["i2c-1", "", ".", "..", "../null", "i2c\0", <<255>>],
         do: assert(I2C.open(name) == {:error, :bus_not_found})
 
@@ -59,13 +59,15 @@ defmodule BB.Bus.Linux.I2CTest do
     end
   end
 
-  test "the names of buses are those of their files, by number", %{tmp_dir: folder} do
+  test "buses have the names of their files, ordered by number", %{tmp_dir: folder} do
     for name <- ~w(i2c-10 i2c-2 i2c-x i2c i2c-1), do: File.write!(Path.join(folder, name), "")
     File.ln_s!("i2c-2", Path.join(folder, "i2c-7"))
     assert I2C.bus_names() == ~w(i2c-1 i2c-2 i2c-10)
   end
 
-  test "no rights are told with the group that has them, and the remedy", %{tmp_dir: folder} do
+  test "missing rights are explained with the group that has them, and the remedy", %{
+    tmp_dir: folder
+  } do
     path = Path.join(folder, "i2c-1")
     File.write!(path, "")
 
@@ -84,7 +86,7 @@ defmodule BB.Bus.Linux.I2CTest do
     end
   end
 
-  test "a driver is told of missing rights as such" do
+  test "a driver gets a reason of its own for missing rights" do
     defmodule Locked do
       def open(_name, _opts), do: {:error, {:errno, 13}}
     end
@@ -100,7 +102,7 @@ defmodule BB.Bus.Linux.I2CTest do
     assert Linux.explain("i2c-1", {:errno, 25}) =~ "#{folder}/i2c-7 is no I2C bus"
   end
 
-  test "the shared bus hands on why its backend cannot be opened" do
+  test "the shared bus returns the error of its backend" do
     assert BB.Bus.I2C.open("i2c-1", backend: I2C, timeout: 20) == {:error, :bus_not_found}
   end
 

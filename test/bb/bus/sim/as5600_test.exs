@@ -16,8 +16,10 @@ defmodule BB.Bus.Sim.As5600Test do
     chip
   end
 
-  test "the raw angle has 4096 steps a turn, whatever the turn" do
-    for {turns, steps} <- [{0, 0}, {0.25, 1024}, {4095 / 4096, 4095}, {7.5, 2048}, {-0.25, 3072}] do
+  test "the raw angle has 4096 steps in every turn" do
+    turns = [{0, 0}, {0.25, 1024}, {4095 / 4096, 4095}, {7.5, 2048}, {-0.25, 3072}]
+
+    for {turns, steps} <- turns do
       assert read(chip(angle: turns * 2 * :math.pi()), 0x0C, 2) == <<steps::16>>
     end
   end
@@ -51,7 +53,7 @@ defmodule BB.Bus.Sim.As5600Test do
     assert read(chip, 0x0C, 5) == <<4, 0, 4, 0, 4>>
   end
 
-  test "what can only be read keeps its value" do
+  test "a read-only register keeps its value" do
     {:ok, chip} = As5600.write(<<0x0B, 0xFF, 0xFF, 0xFF>>, 0, chip(angle: 0.0))
     assert read(chip, 0x0B, 3) == <<0x20, 0, 0>>
   end

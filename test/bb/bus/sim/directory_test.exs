@@ -66,11 +66,11 @@ defmodule BB.Bus.Sim.DirectoryTest do
     ArgumentError -> false
   end
 
-  test "without a registry the start says so", %{test: test} do
+  test "without a registry the start raises", %{test: test} do
     assert_raise ArgumentError, ~r/unknown registry/, fn -> start(test, {:ok, nil}) end
   end
 
-  test "what the process itself refuses, and a name that is taken, is told at once", %{
+  test "an error of the process, and a name that is taken, are returned at once", %{
     test: test
   } do
     start_supervised!({Registry, keys: :unique, name: registry(test)})

@@ -3,7 +3,7 @@ defmodule BB.Bus.Sim.EncoderTest do
 
   alias BB.Bus.Sim.Encoder
 
-  # The model is pure: a test is its own chip and its own clock.
+  # The model is pure: the test plays the chip and the clock.
 
   defp turning(velocity) do
     {:ok, encoder, [_a, _b | later]} = Encoder.init([pulses: 100, velocity: velocity], 0)
@@ -44,7 +44,7 @@ defmodule BB.Bus.Sim.EncoderTest do
     assert_in_delta back_ns, time_ns + 2000, 1
   end
 
-  test "wrong options are refused with what was expected" do
+  test "wrong options raise with the expected ones" do
     assert_raise ArgumentError, ~r/expected pulses:/, fn -> Encoder.init([], 0) end
     assert_raise ArgumentError, fn -> Encoder.init([pulses: 1, speed: 2], 0) end
     assert Encoder.order(:stop, 0, elem(turning(0.0), 0)) == :error

@@ -24,7 +24,7 @@ defmodule BB.Bus.Sim.GPIOTest do
   end
 
   describe "opening" do
-    test "goes by number, label, chip's label and what enumerate/0 gives", %{chip: chip} do
+    test "takes a number, a label, a chip's label and identifiers", %{chip: chip} do
       for spec <- [
             {chip, 5},
             chip <> "-led",
@@ -36,10 +36,11 @@ defmodule BB.Bus.Sim.GPIOTest do
         assert GPIO.close(line) == :ok
       end
 
-      assert %{location: {chip, 5}, controller: chip <> "-pins", label: chip <> "-led"} in GPIO.enumerate()
+      led = %{location: {chip, 5}, controller: chip <> "-pins", label: chip <> "-led"}
+      assert led in GPIO.enumerate()
     end
 
-    test "of what is not there is an error", %{chip: chip} do
+    test "of a missing chip, label or line is an error", %{chip: chip} do
       assert GPIO.open({"gpiochip-none", 1}, :input) == {:error, :not_found}
       assert GPIO.open("no such label", :input) == {:error, :not_found}
       assert GPIO.open({chip, "no such label"}, :input) == {:error, :not_found}
@@ -99,7 +100,7 @@ defmodule BB.Bus.Sim.GPIOTest do
       end
     end
 
-    test "a pull decides where nobody drives, until it is changed", %{chip: chip} do
+    test "a pull decides the level without a driver, until it is changed", %{chip: chip} do
       line = open!(chip, 1, :input, pull_mode: :pullup)
       assert GPIO.read(line) == 1
       assert GPIO.set_pull_mode(line, :pulldown) == :ok
@@ -147,7 +148,7 @@ defmodule BB.Bus.Sim.GPIOTest do
   end
 
   describe "edges" do
-    test "are told with the spec of the opening, as the trigger says", %{chip: chip} do
+    test "arrive with the spec of open/3, as the trigger selects", %{chip: chip} do
       {:ok, line} = GPIO.open(chip <> "-led", :input, pull_mode: :pullup)
       spec = chip <> "-led"
       assert GPIO.set_interrupts(line, :both) == :ok
@@ -168,7 +169,7 @@ defmodule BB.Bus.Sim.GPIOTest do
       refute_received {:circuits_gpio, _, _, _}
     end
 
-    test "are told to a subscriber with what was before", %{chip: chip} do
+    test "arrive at a subscriber with the value before", %{chip: chip} do
       {:ok, group} = GPIO.open([{chip, 1}, {chip, 2}], :input)
       assert {:ok, ref} = GPIO.subscribe(group)
       :ok = Lines.drive({chip, 2}, 1)
@@ -204,7 +205,7 @@ defmodule BB.Bus.Sim.GPIOTest do
     assert GPIO.open({chip, 1}, :input) == {:error, :not_found}
   end
 
-  test "status/1 tells how a line is set, and whether it is open", %{chip: chip} do
+  test "status/1 returns the settings of a line, and whether it is open", %{chip: chip} do
     line = open!(chip, 1, :input, pull_mode: :pullup)
 
     expected =

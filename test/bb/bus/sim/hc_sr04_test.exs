@@ -34,7 +34,7 @@ defmodule BB.Bus.Sim.HcSr04Test do
              width(HcSr04.level(:trigger, 0, 0, at_rest))
   end
 
-  test "wrong options are refused with what was expected" do
+  test "wrong options raise with the expected ones" do
     assert_raise ArgumentError, ~r/expected a distance/, fn -> module(distance: -1) end
     assert_raise ArgumentError, fn -> module(range: 1) end
     assert HcSr04.order(:ping, 0, module([])) == :error

@@ -41,7 +41,7 @@ defmodule BB.Bus.Sim.I2CTest do
     assert I2C.write_read(bus, 0x42, <<1>>, 1) == {:ok, <<1>>}
   end
 
-  test "nobody answers at an address without a device", %{bus: bus} do
+  test "nothing answers at an address without a device", %{bus: bus} do
     assert I2C.read(bus, 0x43, 1) == {:error, :i2c_nak}
     assert I2C.write(bus, 0x43, <<1>>) == {:error, :i2c_nak}
     assert I2C.write_read(bus, 0x43, <<1>>, 1) == {:error, :i2c_nak}
@@ -69,7 +69,10 @@ defmodule BB.Bus.Sim.I2CTest do
     assert I2C.read(bus, 0x50, 1) == {:ok, <<1>>}
   end
 
-  test "a closed handle is closed for all who have it, and no other is", %{bus: bus, name: name} do
+  test "a closed handle is closed for all its users, and other handles are not", %{
+    bus: bus,
+    name: name
+  } do
     {:ok, other} = I2C.open(name)
     assert I2C.close(bus) == :ok
     assert I2C.close(bus) == :ok

@@ -31,7 +31,7 @@ defmodule BB.Bus.Sim.Ina219Test do
     assert {0x1766, _chip} = read(chip, 3, 2 * @ms)
   end
 
-  test "it has measured after both conversions, and says so until the power is read" do
+  test "it has measured after both conversions, and its flag stays set until POWER is read" do
     chip = write(chip(), 0, 0x399F, 0)
     assert {0, chip} = read(chip, 2, 1_063_999)
     assert {0x5DC2, chip} = read(chip, 2, 1_064_000)
@@ -74,7 +74,7 @@ defmodule BB.Bus.Sim.Ina219Test do
     assert {0x5DC0, _chip} = read(chip, 2, 9 * @ms)
   end
 
-  test "a reset brings back what is there at power-on" do
+  test "a reset restores the registers of power-on" do
     chip = chip() |> write(5, 0x5000, 0) |> write(0, 0x8000, 0)
     assert {0x399F, chip} = read(chip, 0, 0)
     assert {0, _chip} = read(chip, 5, 0)

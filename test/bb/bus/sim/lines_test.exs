@@ -59,7 +59,7 @@ defmodule BB.Bus.Sim.LinesTest do
     line
   end
 
-  describe "what is said for later" do
+  describe "a drive with a time" do
     test "happens at its time and carries it", %{robot: robot, chip: chip, clock: clock} do
       listen!(chip, 4)
       start_ns = Clock.now_ns(clock)
@@ -96,7 +96,7 @@ defmodule BB.Bus.Sim.LinesTest do
     end
   end
 
-  test "with the machine's clock too it happens, stamped with the time that was said" do
+  test "with the machine's clock it happens too, with the timestamp of its time" do
     chip = "gpiochip-real-#{System.unique_integer([:positive])}"
     start_supervised!({Lines, chips: %{chip => []}}, id: :real)
     listen!(chip, 4)
@@ -106,7 +106,10 @@ defmodule BB.Bus.Sim.LinesTest do
   end
 
   describe "a device" do
-    test "hears its lines and drives them, now and later", %{robot: robot, chip: chip} do
+    test "gets the levels of its lines and drives them, now and later", %{
+      robot: robot,
+      chip: chip
+    } do
       :ok = Lines.drive({chip, 1}, 1)
       :ok = Lines.plug(chip, :toggle, {Toggle, pins: [key: 1, lamp: 2]})
       :ok = Lines.drive({chip, 1}, 0)
@@ -135,7 +138,8 @@ defmodule BB.Bus.Sim.LinesTest do
     end
 
     @tag capture_log: true
-    test "whose model raises, throws, exits or is wrong lets go, and the others go on", context do
+    test "whose model raises, throws, exits or returns nonsense lets go, and the others work",
+         context do
       %{chip: chip} = context
       :ok = Lines.drive({chip, 2}, :pullup)
       :ok = Lines.plug(chip, :toggle, {Toggle, pins: [key: 1, lamp: 2]})
@@ -187,7 +191,7 @@ defmodule BB.Bus.Sim.LinesTest do
       assert_received {:circuits_gpio, _, _, 1}
     end
 
-    test "of noise is a storm of as many edges as were said", %{robot: robot, chip: chip} do
+    test "of noise makes as many edges as its rate", %{robot: robot, chip: chip} do
       listen!(chip, 4)
       :ok = Lines.fault({chip, 4}, {:storm, 1000})
       :ok = Stepped.advance(robot, 100 * @ms)

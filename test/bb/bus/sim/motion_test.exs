@@ -7,7 +7,7 @@ defmodule BB.Bus.Sim.MotionTest do
 
   @times for n <- 0..200, do: n * 0.137
 
-  test "gravity is all that is felt, whatever the attitude" do
+  test "gravity is the only acceleration, at any attitude" do
     for t <- @times, do: assert_in_delta(norm(Motion.at(t).acceleration), 9.80665, 1.0e-9)
   end
 

@@ -11,7 +11,7 @@ defmodule BB.Bus.Sim.Mpu6050Test do
   @wake <<0x6B, 0x01>>
   @g 9.80665
 
-  # The chip is pure: a test is its own bus and its own clock.
+  # The chip is pure: the test plays the bus and the clock.
 
   defp chip(opts \\ []) do
     {:ok, chip} = Mpu6050.init(opts, 0)
@@ -36,7 +36,8 @@ defmodule BB.Bus.Sim.Mpu6050Test do
   defp still(acceleration, rate \\ {0.0, 0.0, 0.0}, temperature \\ 36.53),
     do: %{acceleration: acceleration, angular_velocity: rate, temperature: temperature}
 
-  # Feels the milliseconds since power-on as acceleration in x: one step of the ±16 g range a millisecond.
+  # Feels the milliseconds since power-on as acceleration in x: one step of the ±16 g range a
+  # millisecond.
   defp ruler(seconds), do: still({seconds * 1000 * @g / 2048, 0.0, 0.0})
 
   defp shown(chip, at_ms) do
@@ -80,7 +81,7 @@ defmodule BB.Bus.Sim.Mpu6050Test do
       assert {<<0, 0, 0>>, _} = read(chip(), 0x7E, 3)
     end
 
-    test "identify the chip as told" do
+    test "identify the chip as its options set it" do
       assert peek(chip(who_am_i: 0x70), 0x75) == 0x70
     end
   end
@@ -93,7 +94,7 @@ defmodule BB.Bus.Sim.Mpu6050Test do
       assert {<<0::14*8>>, _} = read(chip, 0x3B, 14, 60)
     end
 
-    test "takes its time, shows its bit meanwhile and loses what is written" do
+    test "takes its time, during which its bit is set and writes are lost" do
       chip = chip() |> write(<<0x6B, 0x80>>) |> write(@wake, 10)
       assert peek(chip, 0x6B, 19) == 0xC0
       assert peek(chip, 0x6B, 20) == 0x40
@@ -117,7 +118,7 @@ defmodule BB.Bus.Sim.Mpu6050Test do
       end
     end
 
-    test "are those of the chip's own rate, not of the moment of reading" do
+    test "follow the chip's own rate, not the time of reading" do
       chip = chip(source: &ruler/1) |> write(<<0x19, 9, 1, 0, 0x18>>) |> write(@wake, 100)
       assert {0, chip} = shown(chip, 109.9)
       assert {110, chip} = shown(chip, 110)
@@ -170,7 +171,7 @@ defmodule BB.Bus.Sim.Mpu6050Test do
       count
     end
 
-    test "takes every sample, also those between two looks" do
+    test "takes every sample, also those between two reads" do
       chip = filling()
       assert fifo_count(chip, 3.5) == 3 * 14
       {bytes, chip} = read(chip, 0x74, 3 * 14, 3.5)
@@ -179,14 +180,14 @@ defmodule BB.Bus.Sim.Mpu6050Test do
       assert {<<4::16, _::96, 0xFF>>, _} = read(chip, 0x74, 15, 4)
     end
 
-    test "takes what it is told to, in the order of the data registers" do
+    test "takes the selected parts, in the order of the data registers" do
       for {enabled, size} <- [{0x08, 6}, {0x80, 2}, {0x40, 2}, {0x70, 6}, {0x88, 8}, {0, 0}] do
         chip = filling() |> write(<<0x23, enabled>>)
         assert fifo_count(chip, 1) == size
       end
     end
 
-    test "loses the oldest bytes when it overflows, and says so once" do
+    test "loses the oldest bytes when it overflows, and sets its flag once" do
       for {model, size} <- [mpu6050: 1024, mpu6500: 512, mpu9250: 512] do
         chip = filling(model: model)
         full = div(size, 14)
@@ -287,7 +288,7 @@ defmodule BB.Bus.Sim.Mpu6050Test do
   end
 
   describe "sources" do
-    test "the built-in motion is that of the time since power-on" do
+    test "the built-in motion follows the time since power-on" do
       chip = chip(source: :motion) |> write(<<0x19, 9, 1>>) |> write(@wake, 40)
       assert {bytes, _} = read(chip, 0x3B, 14, 1_234_567)
       assert bytes == Mpu6050.encode(Motion.at(1234.560), 0, 0)
@@ -323,12 +324,17 @@ defmodule BB.Bus.Sim.Mpu6050Test do
       assert {4096, _} = shown(chip, 0)
     end
 
-    test "that are none raise, as do other wrong options" do
+    test "that are invalid raise, as do other wrong options" do
       {:ok, recording} = recording(1)
 
-      for source <-
-            [:wind, {:stepped, []}, {:recording, "walk.csv"}, {:recording, recording, speed: 0}] ++
-              [{:recording, recording, at_end: :stop}, {:recording, recording, sped: 1}] do
+      for source <- [
+            :wind,
+            {:stepped, []},
+            {:recording, "walk.csv"},
+            {:recording, recording, speed: 0},
+            {:recording, recording, at_end: :stop},
+            {:recording, recording, sped: 1}
+          ] do
         assert_raise ArgumentError, fn -> Mpu6050.init([source: source], 0) end
       end
 
@@ -338,7 +344,7 @@ defmodule BB.Bus.Sim.Mpu6050Test do
       assert_raise ArgumentError, ~r/reset_ms/, fn -> Mpu6050.init([reset_ms: -1], 0) end
     end
 
-    # Sample n is taken at n seconds and feels n g.
+    # Sample n is taken at n seconds and has n g.
     defp recording(size) do
       header =
         "Time (s),Gyroscope X (deg/s),Gyroscope Y (deg/s),Gyroscope Z (deg/s)," <>

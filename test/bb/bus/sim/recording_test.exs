@@ -66,7 +66,7 @@ defmodule BB.Bus.Sim.RecordingTest do
       assert message(["0,0,0,0,0,,1"]) == ~s(walk.csv:2: expected a number, got: "")
     end
 
-    test "whose time does not go on" do
+    test "whose time does not increase" do
       assert message(["1,0,0,0,0,0,1", "1,0,0,0,0,0,1"]) ==
                "walk.csv:3: expected a time later than 1.0, got: 1.0"
     end

@@ -24,7 +24,7 @@ defmodule BB.Bus.Sim.TfLunaTest do
     assert {"LUNA", _chip} = read(chip(), 0x3C, 4, 0)
   end
 
-  test "it measures every 10 ms from its start on, and shows the last measurement until the next" do
+  test "it measures every 10 ms from its start, and keeps the last measurement in between" do
     chip = chip(source: fn seconds -> [distance: 1 + 100 * seconds, temperature: 40.5] end)
     assert {<<0::64>>, chip} = read(chip, 0, 8, 9 * @ms)
 
@@ -34,7 +34,7 @@ defmodule BB.Bus.Sim.TfLunaTest do
     assert {<<300::16-little, _::32, 20::16-little>>, _chip} = read(chip, 0, 8, 20 * @ms)
   end
 
-  test "its time begins anew after 65,536 ms" do
+  test "its time wraps around after 65,536 ms" do
     assert {<<4::16-little>>, _chip} = read(chip(), 6, 2, 65_540 * @ms)
   end
 
@@ -42,7 +42,7 @@ defmodule BB.Bus.Sim.TfLunaTest do
     assert {<<0::16, 99::16-little>>, _chip} = read(chip(source: [signal: 99]), 0, 4, 10 * @ms)
   end
 
-  test "a rate takes effect with a restart after it was saved, during which nobody answers" do
+  test "a saved rate takes effect with a restart, during which the chip does not answer" do
     chip = chip(reboot_ms: 20) |> write(<<0x26, 0xFA, 0x00>>, 0)
     assert {<<0xFA, 0x00>>, chip} = read(chip, 0x26, 2, 0)
     assert {<<0::16>>, chip} = read(chip, 6, 2, 4 * @ms)
@@ -54,7 +54,7 @@ defmodule BB.Bus.Sim.TfLunaTest do
     assert {<<4::16-little>>, _chip} = read(chip, 6, 2, 28 * @ms)
   end
 
-  test "what was not saved is lost with a restart" do
+  test "settings that were not saved are lost with a restart" do
     chip = chip() |> write(<<0x26, 0xFA>>, 0) |> write(<<0x21, 2>>, 0)
     assert {<<100>>, _chip} = read(chip, 0x26, 1, 0)
   end

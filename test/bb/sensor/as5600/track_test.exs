@@ -22,7 +22,7 @@ defmodule BB.Sensor.As5600.TrackTest do
     readings
   end
 
-  test "the first position is in the turn that begins where it is told" do
+  test "the first position is in the turn that begins at the option" do
     for {from, angle, position} <- [
           {-@half, 0, 0},
           {-@half, 2047, 2047},
@@ -58,7 +58,7 @@ defmodule BB.Sensor.As5600.TrackTest do
         Enum.scan([0 | for(_ <- 1..200, do: :rand.uniform(2 * 1536 + 1) - 1537)], &(&1 + &2))
 
       angles = Enum.map(positions, &Integer.mod(&1, 4096))
-      # Far apart in time, the speed before says nothing of the way to come.
+      # After a long time the last velocity predicts nothing.
       readings = follow(Track.new(-@half, 0.001), angles, 10)
       assert Enum.map(readings, &steps/1) == positions
     end
@@ -73,7 +73,7 @@ defmodule BB.Sensor.As5600.TrackTest do
     assert_in_delta List.last(readings).velocity, 2 * @half, 0.03
   end
 
-  test "a shaft that stands has no velocity left once the window has passed" do
+  test "a shaft at rest has no velocity after the window" do
     readings = follow(Track.new(0, 0.05), [0, 100, 200, 200, 200, 200, 200, 200, 200], 10)
     assert List.last(readings).velocity == 0.0
   end

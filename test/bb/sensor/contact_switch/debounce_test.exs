@@ -16,7 +16,7 @@ defmodule BB.Sensor.ContactSwitch.DebounceTest do
     assert {:wait, 7, _d} = Debounce.edge(Debounce.new(0, 1), 7)
   end
 
-  test "one that is pressed again and again, each time after a rest, is a hand" do
+  test "a contact that is pressed often, each time after a rest, is no noise" do
     Enum.reduce(1..1000, Debounce.new(5 * @ms, 1), fn n, d ->
       {:wait, until_ns, d} = Debounce.edge(d, n * 26 * @ms)
       {_what, d} = Debounce.put_level(d, until_ns, rem(n, 2))
@@ -24,7 +24,7 @@ defmodule BB.Sensor.ContactSwitch.DebounceTest do
     end)
   end
 
-  test "one that never rests is restless, 51 windows after the first edge" do
+  test "a contact that never rests is noise, 51 windows after the first edge" do
     waits =
       Stream.iterate({:wait, 0, Debounce.new(5 * @ms, 1)}, fn {:wait, until_ns, d} ->
         {_what, d} = if d.waiting?, do: Debounce.put_level(d, until_ns, 1), else: {:same, d}
@@ -35,7 +35,7 @@ defmodule BB.Sensor.ContactSwitch.DebounceTest do
     assert count == 50
   end
 
-  test "one that never rests is restless also on a machine so busy that each fourth edge seems to come after a rest" do
+  test "a contact that never rests is noise, also when each fourth edge is late" do
     verdict =
       Enum.reduce_while(1..200, Debounce.new(5 * @ms, 1), fn n, d ->
         late_ns = if rem(n, 4) == 0, do: 25 * @ms, else: 1

@@ -8,7 +8,7 @@ defmodule BB.Sensor.EmergencyStop.HaltTest do
   defp released, do: :closed |> Halt.new(100) |> elem(1)
   defp halted, do: :open |> Halt.new(100) |> elem(1)
 
-  test "what is found open is halted" do
+  test "an open contact at the start is halted" do
     assert {:halted, %{state: :halted}} = Halt.new(:open, 100)
   end
 
@@ -23,7 +23,7 @@ defmodule BB.Sensor.EmergencyStop.HaltTest do
     assert {:release, %{state: :released}} = Halt.reading(d, :closed, 100)
   end
 
-  test "the time begins anew when it was open, or an edge was told, meanwhile" do
+  test "the time starts again after an open contact or an edge" do
     {:listen, d} = Halt.reading(halted(), :closed, 0)
     {:none, opened} = Halt.reading(d, :open, 50)
     assert {:listen, _} = Halt.reading(opened, :closed, 100)
@@ -42,7 +42,7 @@ defmodule BB.Sensor.EmergencyStop.HaltTest do
     assert Enum.find_index(verdicts, &(&1 == :noise)) == 24
   end
 
-  test "a hand that plays with it, twenty times, is none" do
+  test "twenty presses in a row are no noise" do
     Enum.reduce(1..20, halted(), fn _, d ->
       {:listen, d} = Halt.reading(d, :closed, 0)
       {:wait, d} = Halt.edge(d)

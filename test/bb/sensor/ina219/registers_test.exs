@@ -15,7 +15,7 @@ defmodule BB.Sensor.Ina219.RegistersTest do
   end
 
   # Table 7 has the shunt voltage of each range's ends.
-  test "the ends of the shunt's ranges are those of the datasheet" do
+  test "the shunt's ranges end as in the datasheet" do
     for {bytes, volts} <- [
           {<<0x7D00::16>>, 0.32},
           {<<0x3E80::16>>, 0.16},
@@ -30,7 +30,7 @@ defmodule BB.Sensor.Ina219.RegistersTest do
     end
   end
 
-  test "what the chip is after a reset is 32 V, 320 mV and one sample of 12 bits" do
+  test "the settings after a reset are 32 V, 320 mV and one sample of 12 bits" do
     settings = %{bus_range: 32, shunt_range: 0.32, samples: 1}
     assert Registers.encode_settings(settings) == Registers.after_reset()
   end

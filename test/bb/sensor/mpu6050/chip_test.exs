@@ -43,7 +43,7 @@ defmodule BB.Sensor.Mpu6050.ChipTest do
   end
 
   @tag device: [model: :mpu9250]
-  test "another of the family is known as what it is, and refused where one is asked for",
+  test "another model of the family is identified, and refused when one is required",
        context do
     %{chip: chip, name: name} = context
     assert {:ok, %{model: :mpu9250}} = Chip.identify(chip)
@@ -80,7 +80,7 @@ defmodule BB.Sensor.Mpu6050.ChipTest do
   end
 
   @tag device: [reset_ms: 60_000]
-  test "that does not take its settings is noticed", %{chip: chip, name: name} do
+  test "that does not keep its settings is an error", %{chip: chip, name: name} do
     :ok = Chip.reset(chip)
     assert Chip.configure(chip) == {:error, {:not_configured, name, @address}}
   end
@@ -152,7 +152,7 @@ defmodule BB.Sensor.Mpu6050.ChipTest do
     with {:ok, _count} <- Chip.fifo_count(chip), do: false
   end
 
-  test "each function tells what the bus said", %{chip: chip, name: name} do
+  test "each function returns the error of the bus", %{chip: chip, name: name} do
     for {fault, reason} <- [
           nak: {:no_answer, name, @address},
           enxio: {:no_answer, name, @address},

@@ -13,7 +13,8 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
 
   @ms 1_000_000
 
-  # On the machine's clock, so slow that the FIFO has room for a machine that stands still for seconds: a sample each 50 ms.
+  # On the machine's clock, a sample each 50 ms, so that the FIFO has room while the machine
+  # stalls.
   @slow [rate: 20, filter: 5]
   @patience_ms 60_000
 
@@ -36,7 +37,7 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
   defp lines(%{stepped: true}), do: []
   defp lines(_context), do: [timestamp_offset_ns: 77_000_000_000]
 
-  # One step of the ±16 g range a millisecond, so that a sample tells when it was taken.
+  # One step of the ±16 g range a millisecond, so that a sample shows its time.
   defp slope(seconds) do
     %{
       acceleration: {seconds * 1000 * 9.80665 / 2048, 0.0, 9.8},
@@ -139,7 +140,7 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
              )
     end
 
-    test "none is lost on the machine's clock, and the times are those of Erlang", context do
+    test "none is lost on the machine's clock, and the times are by Erlang's clock", context do
       before_ns = System.monotonic_time(:nanosecond)
       start!(context, [fifo: true] ++ @slow)
       messages = for _ <- 1..30, do: receive_imu()
@@ -233,7 +234,7 @@ defmodule BB.Sensor.Mpu6050.DataReadyTest do
       assert Mpu6050.explain(reason) =~ "gpiochip-none"
     end
 
-    test "is given back", context do
+    test "is closed", context do
       pid = start!(context, @slow)
       receive_imu()
       assert Sim.Lines.describe(context.pin).open?

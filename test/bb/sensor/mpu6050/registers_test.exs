@@ -56,7 +56,7 @@ defmodule BB.Sensor.Mpu6050.RegistersTest do
     end
   end
 
-  # The simulated chip encodes by its own reading of the datasheet.
+  # The simulated chip has an implementation of its own.
   property "what the chip encodes is decoded within one step, in every range" do
     forall {afs_sel, fs_sel, acceleration, rate, temperature} <- felt() do
       accel_range = Enum.at(Registers.accel_ranges(), afs_sel)
@@ -72,7 +72,8 @@ defmodule BB.Sensor.Mpu6050.RegistersTest do
     end
   end
 
-  # Anything within the chosen ranges; with the datasheet's rounded 16.4 LSB/(°/s) 16 bits end at 1998 °/s.
+  # Anything within the chosen ranges; with the datasheet's rounded 16.4 LSB/(°/s) 16 bits end at
+  # 1998 °/s.
   defp felt do
     bind({integer(0, 3), integer(0, 3)}, fn {afs_sel, fs_sel} ->
       accel = Enum.at([2, 4, 8, 16], afs_sel) * @g * 0.999

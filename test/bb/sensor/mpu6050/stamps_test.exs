@@ -29,7 +29,7 @@ defmodule BB.Sensor.Mpu6050.StampsTest do
       assert {[3.0, 4.0], _} = take(edges(stamps, [3, 4]), 2)
     end
 
-    test "a lost edge is noticed after a while, and put right" do
+    test "a lost edge is detected after a while, and corrected" do
       # The edge of 1 is lost: 1 has the time of 2, 2 that of 3, and so on.
       stamps =
         for ms <- 2..9, reduce: Stamps.new(@ms) do
@@ -43,7 +43,7 @@ defmodule BB.Sensor.Mpu6050.StampsTest do
       assert {[11.0], _} = take(edges(stamps, [11]), 1)
     end
 
-    test "several lost edges are put right at once" do
+    test "several lost edges are corrected at once" do
       assert {[1.0, 2.0, 3.0, 4.0], _} = take(edges([3, 4]), 4)
     end
 
@@ -59,7 +59,7 @@ defmodule BB.Sensor.Mpu6050.StampsTest do
   end
 
   describe "the kernel's clock" do
-    test "is compared by the edge that was heard soonest" do
+    test "is compared by the edge that arrived soonest" do
       stamps =
         Stamps.new(@ms)
         |> Stamps.add_edge(1 * @ms, 501 * @ms + 400_000)
@@ -69,7 +69,7 @@ defmodule BB.Sensor.Mpu6050.StampsTest do
       assert {[501.02, 502.02, 503.02], _} = take(stamps, 3)
     end
 
-    test "never gives two samples one time, or a later one an earlier" do
+    test "never gives two samples the same time, or a later sample an earlier time" do
       {[501.4], stamps} =
         Stamps.new(@ms) |> Stamps.add_edge(1 * @ms, 501 * @ms + 400_000) |> take(1)
 
@@ -78,7 +78,7 @@ defmodule BB.Sensor.Mpu6050.StampsTest do
       assert time == 502.400001
     end
 
-    test "may drift: a difference of more than two seconds ago counts no more" do
+    test "may drift: a difference of more than two seconds ago no longer counts" do
       drift = fn ms -> ms * @ms + div(ms, 100) * 1000 end
 
       stamps =
@@ -93,7 +93,7 @@ defmodule BB.Sensor.Mpu6050.StampsTest do
     end
   end
 
-  test "without a FIFO the last edge is the sample's" do
+  test "without a FIFO the last edge belongs to the sample" do
     assert {3_000_000, stamps} = Stamps.take_last(edges([1, 2, 3]))
     assert {[4.0], _} = take(edges(stamps, [4]), 1)
   end

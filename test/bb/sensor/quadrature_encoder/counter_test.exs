@@ -26,14 +26,14 @@ defmodule BB.Sensor.QuadratureEncoder.CounterTest do
     assert turn(Counter.new(), Enum.reverse(forwards(4)), 0, @ms).count == -4
   end
 
-  test "a contact at an edge that trembles is no way" do
+  test "a trembling edge is no movement" do
     counter = turn(Counter.new(), [0b00, 0b01, 0b00, 0b01, 0b00], 0, @ms)
     assert counter.count == 0
     assert {rate, _} = Counter.rate(counter, 0.02)
     assert_in_delta rate, 0.0, 1000.0
   end
 
-  test "the rate is that of the edges, whenever one looks" do
+  test "the rate is measured between edges, at any time of reading" do
     counter = turn(Counter.new(), forwards(10), 0, @ms)
     {rate, counter} = Counter.rate(counter, 0.0123)
     assert_in_delta rate, 1000.0, 1.0e-6
@@ -46,7 +46,7 @@ defmodule BB.Sensor.QuadratureEncoder.CounterTest do
     assert_in_delta rate, -1000.0, 1.0e-6
   end
 
-  test "one edge in several looks is a slow way, not a jump" do
+  test "one edge in several readings is a slow movement, not a jump" do
     {_, counter} = Counter.new() |> turn(forwards(4), 0, 50 * @ms) |> Counter.rate(0.02)
     {_, counter} = Counter.rate(counter, 0.02)
     {_, counter} = Counter.rate(counter, 0.02)
@@ -54,7 +54,7 @@ defmodule BB.Sensor.QuadratureEncoder.CounterTest do
     assert_in_delta rate, 20.0, 1.0e-6
   end
 
-  test "while no edge comes it is at most what one now would make it, and 0 after half a second" do
+  test "without edges it is at most the rate of one edge now, and 0 after half a second" do
     {rate, counter} = Counter.new() |> turn(forwards(10), 0, @ms) |> Counter.rate(0.02)
     assert_in_delta rate, 1000.0, 1.0e-6
     {rate, counter} = Counter.rate(counter, 0.02)
@@ -67,7 +67,7 @@ defmodule BB.Sensor.QuadratureEncoder.CounterTest do
     assert rate == 0.0
   end
 
-  test "after a standstill it is that of the new edges alone" do
+  test "after a standstill it is measured between new edges alone" do
     {_, counter} = Counter.new() |> turn(forwards(4), 0, @ms) |> Counter.rate(0.02)
     {_, counter} = Counter.rate(counter, 10.0)
     {rate, _} = counter |> turn(forwards(4), 10_000 * @ms, @ms) |> Counter.rate(0.02)
@@ -82,7 +82,7 @@ defmodule BB.Sensor.QuadratureEncoder.CounterTest do
     assert counter |> Counter.edge(0b11, 0b01, 0) |> Counter.fault() == nil
   end
 
-  test "an edge that changes nothing is one that was lost before; more than one in ten are too many" do
+  test "an edge without a change means a lost edge, and more than one in ten are a fault" do
     counter = turn(Counter.new(), forwards(40), 0, @ms)
 
     lost = fn counter, n ->

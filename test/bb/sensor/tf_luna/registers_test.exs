@@ -5,7 +5,7 @@ defmodule BB.Sensor.TfLuna.RegistersTest do
 
   doctest BB.Sensor.TfLuna.Registers
 
-  test "any rate that can be asked for has a faster one of the chip's, which is 500 Hz by an integer" do
+  test "any rate of the option has a faster one of the chip, 500 Hz divided by an integer" do
     for rate <- 1..200 do
       frame_rate = Registers.frame_rate(rate)
       assert frame_rate > rate

@@ -9,23 +9,23 @@ defmodule BB.Bus.Sim.GPIO.LineTest do
 
   defp input(pull), do: Line.host(%Line{}, :input, pull)
 
-  test "who drives it low wins over who drives it high" do
+  test "a driver of 0 wins over a driver of 1" do
     line = input(:pullup) |> Line.drive(:a, 1) |> Line.drive(:b, 0)
     assert {line.near, line.far} == {0, 0}
   end
 
-  test "who drives it wins over a pull, and a resistor outside over that of the pin" do
+  test "a driver wins over a pull, and a resistor outside wins over the pin's pull" do
     assert (input(:pullup) |> Line.drive(:a, 0)).near == 0
     assert (input(:pullup) |> Line.drive(:a, :pulldown)).near == 0
     assert (input(:pulldown) |> Line.drive(:a, :pullup)).near == 1
   end
 
-  test "with nobody at it, it keeps the level that it had" do
+  test "without a driver it keeps its level" do
     line = input(:none) |> Line.drive(:a, 1) |> Line.drive(:a, :z)
     assert {line.near, line.far} == {1, 1}
   end
 
-  test "an output drives what is at its far end" do
+  test "an output drives its far end" do
     line = Line.host(%Line{}, {:output, 1}, :none)
     assert {line.near, line.far} == {1, 1}
   end
@@ -34,7 +34,7 @@ defmodule BB.Bus.Sim.GPIO.LineTest do
     assert Line.host(%Line{}, {:output, :z}, :pullup).far == 1
   end
 
-  test "when it is cut each end has its own level, and has the other's again when it is mended" do
+  test "when it is cut each end has its own level, until the fault is cleared" do
     line = input(:pullup) |> Line.drive(:a, 0) |> Line.fault(:cut)
     assert {line.near, line.far} == {1, 0}
     assert Line.drive(line, :a, 1).far == 1
@@ -47,14 +47,14 @@ defmodule BB.Bus.Sim.GPIO.LineTest do
     assert {line.near, line.far} == {0, 0}
   end
 
-  test "noise turns what the pin sees, whatever the wire's level" do
+  test "noise inverts the level at the pin, at either level of the wire" do
     line = input(:pullup) |> Line.drive(:a, 0) |> Line.fault({:storm, 1000}) |> Line.disturb()
     assert {line.near, line.far} == {1, 0}
     assert Line.disturb(line).near == 0
     assert Line.fault(line, nil).near == 0
   end
 
-  test "a fault that is none is refused with what was expected" do
+  test "a term that is no fault raises with the expected ones" do
     assert_raise ArgumentError, ~r/expected a fault: :cut, .* got: :broken/, fn ->
       Line.check_fault!(:broken)
     end
