@@ -112,8 +112,8 @@ defmodule ArchitectureTest do
     {~w(BB.Process.Successor), "starts what the supervisor starts in whose process it is"},
 
     # In the process of who asks.
-    {~w(BB.Component.Options BB.Options.Type),
-     "checks in its caller's process; for a robot's components that is BB.Component.Checked's"},
+    {~w(BB.Component.Resolution BB.Options.Type),
+     "checks in its caller's process; for a robot's components that is BB.Component.OptionsCheck's"},
     {~w(BB.Telemetry), "calls in the emitting process, unless that emits apart"},
     {~w(BB.Parameter), "asks a module for what its caller registers"},
     {~w(BB.Message.*), "makes a payload, in its maker's process"},
@@ -124,7 +124,7 @@ defmodule ArchitectureTest do
     {~w(BB.Firmware.*), "calls the board and the network that the configuration names"},
     {~w(BB.Parameter.*),
      "calls the store that the robot names, in the process of the parameters"},
-    {~w(BB.Component.Health BB.Component.Declared BB.Component.Farewell BB.Process.*),
+    {~w(BB.Component.Health BB.Component.DeclaredRate BB.Component.ShutdownLimit BB.Process.*),
      "calls the registry that the robot's settings name"},
     {~w(BB.Supervisor.*), "calls the supervisors that the robot's settings name"},
     {~w(BB.Dsl.*), "calls while a robot is compiled, which is all that it can hurt"},

@@ -58,7 +58,7 @@ defmodule BB.Sensor do
   use BB.Component.Kind, word: :sensor
 
   alias BB.{Message, Parameter, PubSub, Transmission}
-  alias BB.Component.{Health, Pulse, Reason, Server}
+  alias BB.Component.{Health, Heartbeat, Reason, Server}
   alias BB.Message.Sensor.JointState
   alias BB.Sensor.SensorProfile
 
@@ -94,7 +94,7 @@ defmodule BB.Sensor do
   time.
   """
   @spec beat(integer()) :: :ok
-  def beat(time_ns \\ System.monotonic_time(:nanosecond)), do: Pulse.beat(time_ns)
+  def beat(time_ns \\ System.monotonic_time(:nanosecond)), do: Heartbeat.beat(time_ns)
 
   @doc """
   Says, in the sensor's own process, that something is wrong although the sensor goes on.
@@ -107,14 +107,14 @@ defmodule BB.Sensor do
 
   @doc "How long the sensor of the calling process may be silent, in nanoseconds; `nil` for ever."
   @spec max_silence_ns() :: pos_integer() | nil
-  defdelegate max_silence_ns, to: Pulse
+  defdelegate max_silence_ns, to: Heartbeat
 
   @doc """
   Says, in the sensor's own process, how many milliseconds its `terminate/2` may take, 5000 by
   default: its end is waited for so long before it is killed.
   """
   @spec shut_down_within(non_neg_integer()) :: :ok
-  defdelegate shut_down_within(ms), to: Pulse
+  defdelegate shut_down_within(ms), to: Heartbeat
 
   @doc "Publishes a sensor's message on its path, `[:sensor | path]`."
   @spec publish(bb(), Message.t()) :: :ok

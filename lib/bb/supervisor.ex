@@ -23,7 +23,7 @@ defmodule BB.Supervisor do
   use Supervisor
 
   alias BB.{Callback, Topic}
-  alias BB.Component.{Checked, Resolution}
+  alias BB.Component.{OptionsCheck, Resolution}
   alias BB.Options.ValidationError
   alias BB.Parameter.Startup
   alias BB.Process.Successor
@@ -143,7 +143,7 @@ defmodule BB.Supervisor do
     components
     |> Enum.map(&{Resolution.of(robot, &1), values})
     |> Enum.filter(&resolvable?/1)
-    |> Checked.options()
+    |> OptionsCheck.run()
     |> Enum.find(:ok, &match?({:error, %ValidationError{}}, &1))
   end
 

@@ -7,7 +7,7 @@ defmodule BB.Component.Health do
   """
 
   alias BB.Component
-  alias BB.Component.{Condition, Pace}
+  alias BB.Component.{Status, PublishRate}
 
   @typedoc """
   One component:
@@ -24,7 +24,7 @@ defmodule BB.Component.Health do
           path: [atom()],
           module: module(),
           required: boolean(),
-          state: Condition.state(),
+          state: Status.state(),
           pid: pid() | nil,
           restarts: non_neg_integer(),
           reason: term(),
@@ -44,32 +44,32 @@ defmodule BB.Component.Health do
     module = BB.Process.registry_module(robot)
     components = for %{kind: ^kind} = component <- robot.robot().components, do: component
 
-    for {component, pace} <- Enum.zip(components, Pace.of(robot, components)),
+    for {component, pace} <- Enum.zip(components, PublishRate.of(robot, components)),
         do: module |> row(registry, component) |> Map.merge(pace)
   end
 
   @doc """
   Enters a keeper's row, for as long as the calling process lives. `{:error, pid}` while a keeper that was killed has not ended yet.
   """
-  @spec register(module(), Component.t(), Condition.t(), pid() | nil) :: :ok | {:error, pid()}
-  def register(robot, component, condition, pid) do
+  @spec register(module(), Component.t(), Status.t(), pid() | nil) :: :ok | {:error, pid()}
+  def register(robot, component, status, pid) do
     registry = BB.Process.registry_name(robot)
     module = BB.Process.registry_module(robot)
 
-    case module.register(registry, key(component), to_row(component, condition, pid)) do
+    case module.register(registry, key(component), to_row(component, status, pid)) do
       {:error, {:already_registered, other}} when other != self() -> {:error, other}
       _registered -> :ok
     end
   end
 
   @doc "Renews the calling keeper's row."
-  @spec put(module(), Component.t(), Condition.t(), pid() | nil) :: :ok
-  def put(robot, component, condition, pid) do
+  @spec put(module(), Component.t(), Status.t(), pid() | nil) :: :ok
+  def put(robot, component, status, pid) do
     registry = BB.Process.registry_name(robot)
     module = BB.Process.registry_module(robot)
-    row = to_row(component, condition, pid)
+    row = to_row(component, status, pid)
     _ = module.update_value(registry, key(component), fn _old -> row end)
-    left = {condition.restarts, Condition.alarming?(condition)}
+    left = {status.restarts, Status.alarming?(status)}
     module.put_meta(registry, {:kept, component.name}, left)
   rescue
     # The registry is being restarted; the keeper enters its row again.
@@ -95,24 +95,24 @@ defmodule BB.Component.Health do
   defp row(module, registry, component) do
     case module.lookup(registry, key(component)) do
       [{_keeper, row}] -> row
-      [] -> to_row(component, Condition.new(System.monotonic_time(:nanosecond)), nil)
+      [] -> to_row(component, Status.new(System.monotonic_time(:nanosecond)), nil)
     end
   end
 
-  defp to_row(component, condition, pid) do
+  defp to_row(component, status, pid) do
     %{
       name: component.name,
       path: component.path,
       module: component.module,
       required: component.required,
-      state: condition.state,
+      state: status.state,
       pid: pid,
-      restarts: condition.restarts,
-      reason: condition.reason,
-      last_error: condition.last_error,
-      error: condition.error,
-      retry_in_ms: condition.retry_in_ms,
-      since: condition.since_ns
+      restarts: status.restarts,
+      reason: status.reason,
+      last_error: status.last_error,
+      error: status.error,
+      retry_in_ms: status.retry_in_ms,
+      since: status.since_ns
     }
   end
 

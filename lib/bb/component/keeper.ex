@@ -6,13 +6,13 @@ defmodule BB.Component.Keeper do
   delays of `BB.Component.Backoff`, and so uses no supervisor's restart budget; and it does not wait for the component's
   `init/1`, so that a device which does not answer holds up neither the robot's start nor another component.
 
-  What it knows of the component is a `BB.Component.Condition`. On each change of state it publishes a
+  What it knows of the component is a `BB.Component.Status`. On each change of state it publishes a
   `BB.Message.Sensor.Status` on `[:sensor_status | path]`, sets or clears the OTP alarm `{kind, robot, path}`, emits the
   telemetry event `[:bb, :sensor, :status]`, logs, and renews its row in `health/2` (for other kinds of components their
   word stands in the place of `sensor`).
 
   A component with a `max_silence` is looked after when that has passed since it was heard of last
-  (`BB.Component.Hearing`); while it is silent, several times in that span. The keeper gets none
+  (`BB.Component.Activity`); while it is silent, several times in that span. The keeper gets none
   of its messages.
   """
 
@@ -20,7 +20,17 @@ defmodule BB.Component.Keeper do
   use BB.Process.Tolerant
 
   alias BB.Component
-  alias BB.Component.{Announcer, Condition, Farewell, Health, Hearing, Pulse, Reason, Server}
+
+  alias BB.Component.{
+    Activity,
+    Health,
+    Heartbeat,
+    Reason,
+    Server,
+    ShutdownLimit,
+    Status,
+    StatusEvents
+  }
 
   @init_timeout_ms 5_000
   @attach_ms 10
@@ -30,16 +40,16 @@ defmodule BB.Component.Keeper do
   @looks 4
   @looks_ms 5..250
 
-  @enforce_keys [:robot, :component, :condition]
+  @enforce_keys [:robot, :component, :status]
   defstruct [
     :robot,
     :component,
-    :condition,
+    :status,
     :server,
     :predecessor,
     :watch,
-    :pulse,
-    :hearing,
+    :heartbeat,
+    :activity,
     ready?: false,
     stopping?: false
   ]
@@ -65,8 +75,8 @@ defmodule BB.Component.Keeper do
     # Tools that draw supervision trees ask a supervisor for its children.
     Process.put(:"$initial_call", {:supervisor, __MODULE__, 1})
 
-    condition = Condition.new(now_ns(), inherit(robot, component))
-    keeper = %__MODULE__{robot: robot, component: component, condition: condition}
+    status = Status.new(now_ns(), inherit(robot, component))
+    keeper = %__MODULE__{robot: robot, component: component, status: status}
     {:ok, keeper |> attach() |> start()}
   end
 
@@ -76,7 +86,7 @@ defmodule BB.Component.Keeper do
         0
 
       {restarts, alarming?} ->
-        if alarming?, do: Announcer.clear_alarm(robot, component)
+        if alarming?, do: StatusEvents.clear_alarm(robot, component)
         restarts + 1
     end
   end
@@ -99,15 +109,15 @@ defmodule BB.Component.Keeper do
   def handle_call({:get_childspec, _other}, _from, keeper),
     do: {:reply, {:error, :not_found}, keeper}
 
-  defp child(%{condition: %{state: :ignored}}), do: :undefined
+  defp child(%{status: %{state: :ignored}}), do: :undefined
   defp child(keeper), do: keeper.server || :restarting
 
   @impl GenServer
   def handle_info({Server, pid, :up}, %{server: pid} = keeper) do
     now_ns = now_ns()
 
-    %{keeper | ready?: true, hearing: listen(keeper, now_ns)}
-    |> become(Condition.up(keeper.condition, now_ns))
+    %{keeper | ready?: true, activity: listen(keeper, now_ns)}
+    |> become(Status.up(keeper.status, now_ns))
     |> watch_silence(now_ns)
     |> noreply()
   end
@@ -116,7 +126,7 @@ defmodule BB.Component.Keeper do
     do: noreply(%{keeper | stopping?: true})
 
   def handle_info({Server, pid, {:trouble, reason}}, %{server: pid} = keeper),
-    do: keeper |> become(Condition.troubled(keeper.condition, reason)) |> noreply()
+    do: keeper |> become(Status.troubled(keeper.status, reason)) |> noreply()
 
   def handle_info({:EXIT, pid, reason}, %{server: pid} = keeper),
     do: %{keeper | server: nil, ready?: false, watch: nil} |> ended(reason) |> noreply()
@@ -129,7 +139,7 @@ defmodule BB.Component.Keeper do
 
   def handle_info(:retry, %{server: nil} = keeper),
     do:
-      %{keeper | condition: Condition.restarted(keeper.condition, now_ns())}
+      %{keeper | status: Status.restarted(keeper.status, now_ns())}
       |> start()
       |> noreply()
 
@@ -145,20 +155,20 @@ defmodule BB.Component.Keeper do
   def terminate(_reason, keeper) do
     stop_server(keeper)
 
-    if Condition.alarming?(keeper.condition),
-      do: Announcer.clear_alarm(keeper.robot, keeper.component)
+    if Status.alarming?(keeper.status),
+      do: StatusEvents.clear_alarm(keeper.robot, keeper.component)
   end
 
   # Starting
 
   defp start(keeper) do
-    keeper = %{keeper | pulse: Pulse.new(keeper.component.max_silence_ns)}
+    keeper = %{keeper | heartbeat: Heartbeat.new(keeper.component.max_silence_ns)}
 
     case start_server(keeper) do
       {:ok, pid} ->
         %{keeper | server: pid, ready?: false, stopping?: false}
         |> watch(@init_timeout_ms)
-        |> become(keeper.condition)
+        |> become(keeper.status)
 
       # What a killed keeper left behind has to be gone before another may have its device.
       {:error, {:already_started, pid}} ->
@@ -177,12 +187,12 @@ defmodule BB.Component.Keeper do
     error in ArgumentError -> {:error, error}
   end
 
-  defp arguments(%{robot: robot, component: component, pulse: pulse}) do
+  defp arguments(%{robot: robot, component: component, heartbeat: heartbeat}) do
     [
       __callback_module__: component.module,
       __kind__: component.kind,
       __keeper__: self(),
-      __pulse__: pulse,
+      __heartbeat__: heartbeat,
       bb: %{robot: robot, path: component.path}
     ] ++ component.options
   end
@@ -192,15 +202,15 @@ defmodule BB.Component.Keeper do
   defp ended(keeper, {:shutdown, {Server, {:absent, reason}}}), do: down(keeper, :absent, reason)
 
   defp ended(keeper, {:shutdown, {Server, :ignored}}),
-    do: become(keeper, Condition.ignored(keeper.condition, now_ns()))
+    do: become(keeper, Status.ignored(keeper.status, now_ns()))
 
   defp ended(%{stopping?: true} = keeper, reason), do: down(keeper, :absent, reason)
   defp ended(keeper, reason), do: down(keeper, :crash, Reason.received(reason))
 
   defp down(keeper, cause, reason) do
-    condition = Condition.down(keeper.condition, cause, reason, now_ns())
-    Process.send_after(self(), :retry, condition.retry_in_ms)
-    become(keeper, condition)
+    status = Status.down(keeper.status, cause, reason, now_ns())
+    Process.send_after(self(), :retry, status.retry_in_ms)
+    become(keeper, status)
   end
 
   # Terminating by a message runs terminate/2 in a process that does not trap exits; init has
@@ -216,12 +226,12 @@ defmodule BB.Component.Keeper do
     end
   end
 
-  defp stop_server(%{server: pid, pulse: pulse} = keeper) do
-    limit_ms = Farewell.limit_ms(keeper.robot, Pulse.shutdown_ms(pulse))
+  defp stop_server(%{server: pid, heartbeat: heartbeat} = keeper) do
+    limit_ms = ShutdownLimit.limit_ms(keeper.robot, Heartbeat.shutdown_ms(heartbeat))
     GenServer.stop(pid, :shutdown, limit_ms)
   catch
     :exit, reason ->
-      Farewell.ended(keeper.robot, reason)
+      ShutdownLimit.ended(keeper.robot, reason)
       kill(pid)
   end
 
@@ -239,17 +249,18 @@ defmodule BB.Component.Keeper do
   defp listen(%{component: %{max_silence_ns: nil}}, _now_ns), do: nil
 
   defp listen(keeper, now_ns),
-    do: Hearing.new(keeper.robot, Component.data_path(keeper.component), keeper.pulse, now_ns)
+    do:
+      Activity.new(keeper.robot, Component.data_path(keeper.component), keeper.heartbeat, now_ns)
 
-  defp watch_silence(%{hearing: nil} = keeper, _now_ns), do: %{keeper | watch: nil}
+  defp watch_silence(%{activity: nil} = keeper, _now_ns), do: %{keeper | watch: nil}
 
-  defp watch_silence(%{condition: %{state: :stale}} = keeper, _now_ns) do
+  defp watch_silence(%{status: %{state: :stale}} = keeper, _now_ns) do
     often_ms = div(keeper.component.max_silence_ns, @looks * 1_000_000)
     watch(keeper, often_ms |> max(@looks_ms.first) |> min(@looks_ms.last))
   end
 
   defp watch_silence(keeper, now_ns) do
-    left_ns = keeper.hearing.heard_ns + keeper.component.max_silence_ns - now_ns
+    left_ns = keeper.activity.heard_ns + keeper.component.max_silence_ns - now_ns
     watch(keeper, max(div(left_ns + 999_999, 1_000_000), 0))
   end
 
@@ -262,58 +273,58 @@ defmodule BB.Component.Keeper do
     do:
       become(
         keeper,
-        Condition.silent(keeper.condition, {:init_timeout, @init_timeout_ms}, now_ns)
+        Status.silent(keeper.status, {:init_timeout, @init_timeout_ms}, now_ns)
       )
 
   # A watch over its init that was still on its way when it came up.
-  defp check_silence(%{hearing: nil} = keeper, _now_ns), do: keeper
+  defp check_silence(%{activity: nil} = keeper, _now_ns), do: keeper
 
   defp check_silence(keeper, now_ns) do
-    hearing = Hearing.look(keeper.hearing, now_ns)
+    activity = Activity.look(keeper.activity, now_ns)
 
-    %{keeper | hearing: hearing}
-    |> become_if_changed(judge(keeper, hearing, now_ns))
+    %{keeper | activity: activity}
+    |> become_if_changed(judge(keeper, activity, now_ns))
     |> watch_silence(now_ns)
   end
 
   # What is stale is up with its next message, be that old when it is found: then it is stale
   # again at once.
   defp judge(
-         %{condition: %{state: :stale}, hearing: %{heard_ns: before_ns}} = keeper,
-         hearing,
+         %{status: %{state: :stale}, activity: %{heard_ns: before_ns}} = keeper,
+         activity,
          now_ns
        )
-       when hearing.heard_ns > before_ns,
-       do: Condition.heard(keeper.condition, now_ns)
+       when activity.heard_ns > before_ns,
+       do: Status.heard(keeper.status, now_ns)
 
-  defp judge(%{condition: condition, component: %{max_silence_ns: max_ns}}, hearing, now_ns) do
-    if now_ns - hearing.heard_ns >= max_ns,
-      do: Condition.silent(condition, {:silent, div(max_ns, 1_000_000)}, now_ns),
-      else: Condition.heard(condition, now_ns)
+  defp judge(%{status: status, component: %{max_silence_ns: max_ns}}, activity, now_ns) do
+    if now_ns - activity.heard_ns >= max_ns,
+      do: Status.silent(status, {:silent, div(max_ns, 1_000_000)}, now_ns),
+      else: Status.heard(status, now_ns)
   end
 
   # Telling
 
-  defp become_if_changed(%{condition: condition} = keeper, condition), do: keeper
-  defp become_if_changed(keeper, condition), do: become(keeper, condition)
+  defp become_if_changed(%{status: status} = keeper, status), do: keeper
+  defp become_if_changed(keeper, status), do: become(keeper, status)
 
-  defp become(keeper, condition) do
-    old = keeper.condition
-    condition = Condition.explain(old, condition, &Reason.words(&1, keeper.component.module))
-    keeper = %{keeper | condition: condition}
-    Health.put(keeper.robot, keeper.component, condition, keeper.server)
+  defp become(keeper, status) do
+    old = keeper.status
+    status = Status.explain(old, status, &Reason.words(&1, keeper.component.module))
+    keeper = %{keeper | status: status}
+    Health.put(keeper.robot, keeper.component, status, keeper.server)
 
-    if Condition.news?(old, condition),
-      do: Announcer.announce(keeper.robot, keeper.component, old, condition)
+    if Status.news?(old, status),
+      do: StatusEvents.emit(keeper.robot, keeper.component, old, status)
 
     keeper
   end
 
   # Its row in the registry lives as long as the registry does.
   defp attach(keeper) do
-    %{robot: robot, component: component, condition: condition} = keeper
+    %{robot: robot, component: component, status: status} = keeper
     if component.retain, do: BB.PubSub.retain(robot, Component.data_path(component))
-    registered = Health.register(robot, component, condition, keeper.server)
+    registered = Health.register(robot, component, status, keeper.server)
     if registered == :ok, do: keeper, else: attach_later(keeper)
   rescue
     ArgumentError -> attach_later(keeper)

@@ -4,8 +4,7 @@ defmodule BB.Component.Resolution do
   against the module's schema, and what its place means is added. Pure.
   """
 
-  alias BB.{Component, Robot, Transmission}
-  alias BB.Component.Options
+  alias BB.{Component, Options, Robot, Transmission}
   alias BB.Options.ValidationError
   alias BB.Parameter.Reference
 
@@ -51,11 +50,22 @@ defmodule BB.Component.Resolution do
     value = &Map.fetch!(values, &1)
     given = Reference.resolve(resolution.options, value)
 
-    with {:ok, options} <- Options.check(resolution.module, given, bb.path),
+    with {:ok, options} <- validate(resolution, given),
          {:ok, transmission} <- transmission(resolution, value) do
       own = resolution.kind.component_options(resolution.joint_name, transmission)
       {:ok, [bb: bb] ++ own ++ options}
     end
+  end
+
+  defp validate(%{module: module, bb: bb}, given) do
+    with {:error, %ValidationError{} = error} <- Options.validate(given, schema(module)),
+         do: {:error, %{error | keys_path: bb.path ++ error.keys_path}}
+  end
+
+  defp schema(module) do
+    if Code.ensure_loaded?(module) and function_exported?(module, :options_schema, 0),
+      do: module.options_schema(),
+      else: []
   end
 
   defp transmission(%{transmission: declared, bb: bb}, value) do

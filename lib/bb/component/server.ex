@@ -8,7 +8,7 @@ defmodule BB.Component.Server do
     * `:__callback_module__` - the module
     * `:__kind__` - the kind of component, a module with the behaviour `BB.Component`
     * `:__keeper__` - the keeper that starts it, when there is one
-    * `:__pulse__` - what it shares with that keeper (`BB.Component.Pulse`)
+    * `:__heartbeat__` - what it shares with that keeper (`BB.Component.Heartbeat`)
     * `:bb` - `%{robot: R, path: path}`
     * all others are the user's options
 
@@ -29,7 +29,7 @@ defmodule BB.Component.Server do
   use GenServer
 
   alias BB.Callback
-  alias BB.Component.{Checked, Pulse, Resolution}
+  alias BB.Component.{Heartbeat, OptionsCheck, Resolution}
 
   @enforce_keys [:module, :kind, :bb, :resolution]
   defstruct [
@@ -56,7 +56,7 @@ defmodule BB.Component.Server do
 
   @start {__MODULE__, :start}
   @keeper {__MODULE__, :keeper}
-  @own [:__callback_module__, :__kind__, :__keeper__, :__pulse__, :bb]
+  @own [:__callback_module__, :__kind__, :__keeper__, :__heartbeat__, :bb]
 
   @doc "Starts a component and registers it under its name while its robot runs."
   @spec start_link(keyword()) :: GenServer.on_start()
@@ -88,7 +88,7 @@ defmodule BB.Component.Server do
     module = Keyword.fetch!(own, :__callback_module__)
     kind = Keyword.fetch!(own, :__kind__)
     bb = Map.take(Keyword.fetch!(own, :bb), [:robot, :path])
-    Pulse.adopt(own[:__pulse__])
+    Heartbeat.adopt(own[:__heartbeat__])
     _ = if own[:__keeper__], do: Process.put(@keeper, own[:__keeper__])
 
     server = %__MODULE__{
@@ -156,7 +156,7 @@ defmodule BB.Component.Server do
     end
   end
 
-  defp check(server), do: [{server.resolution, server.values}] |> Checked.options() |> hd()
+  defp check(server), do: [{server.resolution, server.values}] |> OptionsCheck.run() |> hd()
 
   # The values are those of the moment from which on it hears of changes.
   defp watch(server) do

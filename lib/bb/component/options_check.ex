@@ -1,4 +1,4 @@
-defmodule BB.Component.Checked do
+defmodule BB.Component.OptionsCheck do
   @moduledoc """
   The options of components, as `BB.Component.Resolution` makes them, where the check may itself
   be wrong: a module's `options_schema/0` and the functions of its `:custom` types are code of
@@ -20,8 +20,8 @@ defmodule BB.Component.Checked do
   The options of several components with their parameters' values, in their order. All are checked
   at once.
   """
-  @spec options([{Resolution.t(), Resolution.values()}]) :: [result()]
-  def options(resolutions) do
+  @spec run([{Resolution.t(), Resolution.values()}]) :: [result()]
+  def run(resolutions) do
     resolutions |> Enum.map(&start/1) |> Enum.map(&await/1)
   end
 

@@ -1,4 +1,4 @@
-defmodule BB.Component.Farewell do
+defmodule BB.Component.ShutdownLimit do
   @moduledoc """
   How long a component that is stopped may take before it is killed.
 
@@ -8,7 +8,7 @@ defmodule BB.Component.Farewell do
   them, and each of the others has a second.
   """
 
-  alias BB.Component.Pulse
+  alias BB.Component.Heartbeat
 
   @second_ms 1_000
   @together_ms 60_000
@@ -19,7 +19,7 @@ defmodule BB.Component.Farewell do
   """
   @spec limit_ms(module(), non_neg_integer()) :: non_neg_integer()
   def limit_ms(robot, own_ms) do
-    said? = own_ms != Pulse.default_shutdown_ms()
+    said? = own_ms != Heartbeat.default_shutdown_ms()
     if not said? and late?(robot), do: @second_ms, else: own_ms
   end
 

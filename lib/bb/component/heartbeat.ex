@@ -1,9 +1,9 @@
-defmodule BB.Component.Pulse do
+defmodule BB.Component.Heartbeat do
   @moduledoc """
   What a component and its keeper tell each other without a message: a few numbers that either may
   read at any time, also while the other hangs.
 
-  The keeper makes a pulse for each process that it starts. That process makes it its own
+  The keeper makes a heartbeat for each process that it starts. That process makes it its own
   (`adopt/1`), and then any code in it may say
 
     * that it is well (`beat/1`), where this does not show in messages on the component's path
@@ -21,34 +21,34 @@ defmodule BB.Component.Pulse do
 
   @opaque t :: :atomics.atomics_ref()
 
-  @doc "A new pulse, of a component that may be silent for so long, `nil` for ever."
+  @doc "A new heartbeat, of a component that may be silent for so long, `nil` for ever."
   @spec new(pos_integer() | nil) :: t()
   def new(max_silence_ns) do
-    pulse = :atomics.new(3, signed: true)
-    :atomics.put(pulse, @heard, @never)
-    :atomics.put(pulse, @max_silence, max_silence_ns || 0)
-    :atomics.put(pulse, @shutdown, @shutdown_ms)
-    pulse
+    heartbeat = :atomics.new(3, signed: true)
+    :atomics.put(heartbeat, @heard, @never)
+    :atomics.put(heartbeat, @max_silence, max_silence_ns || 0)
+    :atomics.put(heartbeat, @shutdown, @shutdown_ms)
+    heartbeat
   end
 
   @doc "Makes it the calling process's own."
   @spec adopt(t() | nil) :: :ok
-  def adopt(pulse) do
-    _ = if pulse, do: Process.put(__MODULE__, pulse)
+  def adopt(heartbeat) do
+    _ = if heartbeat, do: Process.put(__MODULE__, heartbeat)
     :ok
   end
 
   @doc "Says that the calling component was well at a monotonic time in nanoseconds."
   @spec beat(integer()) :: :ok
   def beat(time_ns) do
-    if pulse = own(), do: :atomics.put(pulse, @heard, time_ns)
+    if heartbeat = own(), do: :atomics.put(heartbeat, @heard, time_ns)
     :ok
   end
 
   @doc "Says how long the calling component's `terminate/2` may take; #{@shutdown_ms} ms otherwise."
   @spec shut_down_within(non_neg_integer()) :: :ok
   def shut_down_within(ms) do
-    if pulse = own(), do: :atomics.put(pulse, @shutdown, ms)
+    if heartbeat = own(), do: :atomics.put(heartbeat, @shutdown, ms)
     :ok
   end
 
@@ -63,8 +63,8 @@ defmodule BB.Component.Pulse do
 
   @doc "When it beat last, `nil` before that."
   @spec heard_ns(t()) :: integer() | nil
-  def heard_ns(pulse) do
-    heard_ns = :atomics.get(pulse, @heard)
+  def heard_ns(heartbeat) do
+    heard_ns = :atomics.get(heartbeat, @heard)
     if heard_ns != @never, do: heard_ns
   end
 
@@ -74,7 +74,7 @@ defmodule BB.Component.Pulse do
 
   @doc "How long `terminate/2` may take."
   @spec shutdown_ms(t()) :: non_neg_integer()
-  def shutdown_ms(pulse), do: :atomics.get(pulse, @shutdown)
+  def shutdown_ms(heartbeat), do: :atomics.get(heartbeat, @shutdown)
 
   defp own, do: Process.get(__MODULE__)
 end

@@ -1,4 +1,4 @@
-defmodule BB.Component.Announcer do
+defmodule BB.Component.StatusEvents do
   @moduledoc """
   Tells the world of a change in how a component fares: alarm, telemetry, log, message. Runs in the component's keeper.
   """
@@ -6,12 +6,11 @@ defmodule BB.Component.Announcer do
   require Logger
 
   alias BB.{Component, Message, PubSub}
-  alias BB.Component.Condition
-  alias BB.Message.Sensor.Status
+  alias BB.Component.Status
 
-  @doc "Tells that a component went from one condition to another."
-  @spec announce(module(), Component.t(), Condition.t(), Condition.t()) :: :ok
-  def announce(robot, component, old, new) do
+  @doc "Tells that a component went from one status to another."
+  @spec emit(module(), Component.t(), Status.t(), Status.t()) :: :ok
+  def emit(robot, component, old, new) do
     alarm(robot, component, old, new)
     telemetry(robot, component, new)
     log(robot, component, old, new)
@@ -25,15 +24,15 @@ defmodule BB.Component.Announcer do
 
   # A handler may show each event that it gets, so it gets only changes.
   defp alarm(robot, component, old, new) do
-    case {Condition.alarming?(old), Condition.alarming?(new)} do
+    case {Status.alarming?(old), Status.alarming?(new)} do
       {false, true} -> set_alarm(robot, component, new)
       {true, false} -> clear_alarm(robot, component)
       _ -> :ok
     end
   end
 
-  defp set_alarm(robot, component, condition) do
-    description = %{state: condition.state, reason: condition.reason}
+  defp set_alarm(robot, component, status) do
+    description = %{state: status.state, reason: status.reason}
     with_alarms(fn -> :alarm_handler.set_alarm({alarm_id(robot, component), description}) end)
   end
 
@@ -45,36 +44,36 @@ defmodule BB.Component.Announcer do
     :ok
   end
 
-  defp telemetry(robot, component, condition) do
+  defp telemetry(robot, component, status) do
     metadata = %{
       robot: robot,
       path: component.path,
-      state: condition.state,
-      reason: condition.reason
+      state: status.state,
+      reason: status.reason
     }
 
     BB.Telemetry.emit(
       [:bb, component.kind.component_kind(), :status],
-      %{restarts: condition.restarts},
+      %{restarts: status.restarts},
       metadata,
       apart: true
     )
   end
 
   defp log(robot, component, old, %{state: :up}) do
-    if Condition.alarming?(old), do: Logger.info("#{title(robot, component)} is up again")
+    if Status.alarming?(old), do: Logger.info("#{title(robot, component)} is up again")
   end
 
-  defp log(robot, component, _old, %{state: :backoff} = condition) do
+  defp log(robot, component, _old, %{state: :backoff} = status) do
     Logger.warning([
       title(robot, component),
       " is down and will be started again until it is up: ",
-      condition.error
+      status.error
     ])
   end
 
-  defp log(robot, component, _old, %{state: :stale} = condition),
-    do: Logger.warning("#{title(robot, component)} is silent: #{condition.error}")
+  defp log(robot, component, _old, %{state: :stale} = status),
+    do: Logger.warning("#{title(robot, component)} is silent: #{status.error}")
 
   defp log(robot, component, _old, %{state: :ignored}),
     do: Logger.info("#{title(robot, component)} is off: its init returned :ignore")
@@ -83,13 +82,13 @@ defmodule BB.Component.Announcer do
     "#{inspect(robot)}: #{component.kind.component_kind()} #{inspect(component.name)}"
   end
 
-  defp publish(robot, component, condition) do
+  defp publish(robot, component, status) do
     {:ok, message} =
-      Message.new(Status, component.name,
-        state: condition.state,
-        reason: condition.reason,
-        restarts: condition.restarts,
-        retry_in_ms: condition.retry_in_ms
+      Message.new(Message.Sensor.Status, component.name,
+        state: status.state,
+        reason: status.reason,
+        restarts: status.restarts,
+        retry_in_ms: status.retry_in_ms
       )
 
     PubSub.publish(robot, Component.status_path(component), message)

@@ -1,4 +1,4 @@
-defmodule BB.Component.Condition do
+defmodule BB.Component.Status do
   @moduledoc """
   How a component fares, and what each thing that happens to it makes of that. Pure; times are monotonic nanoseconds.
 
@@ -51,55 +51,55 @@ defmodule BB.Component.Condition do
 
   @doc "It is started again."
   @spec restarted(t(), integer()) :: t()
-  def restarted(condition, now_ns),
-    do: %{condition | restarts: condition.restarts + 1, retry_in_ms: nil, started_ns: now_ns}
+  def restarted(status, now_ns),
+    do: %{status | restarts: status.restarts + 1, retry_in_ms: nil, started_ns: now_ns}
 
   @doc "Its `init` succeeded."
   @spec up(t(), integer()) :: t()
-  def up(condition, now_ns), do: %{enter(condition, :up, nil, now_ns) | up_since_ns: now_ns}
+  def up(status, now_ns), do: %{enter(status, :up, nil, now_ns) | up_since_ns: now_ns}
 
   @doc "It went down: it crashed, or said that its device is absent."
   @spec down(t(), Backoff.cause(), term(), integer()) :: t()
-  def down(condition, cause, reason, now_ns) do
+  def down(status, cause, reason, now_ns) do
     {delay_ms, backoff} =
-      condition.backoff
-      |> Backoff.ran(run_ms(condition, now_ns))
-      |> Backoff.next(cause, init_ms(condition, now_ns))
+      status.backoff
+      |> Backoff.ran(run_ms(status, now_ns))
+      |> Backoff.next(cause, init_ms(status, now_ns))
 
-    condition = enter(condition, :backoff, Reason.plain(reason), now_ns)
-    %{condition | up_since_ns: nil, retry_in_ms: delay_ms, backoff: backoff}
+    status = enter(status, :backoff, Reason.plain(reason), now_ns)
+    %{status | up_since_ns: nil, retry_in_ms: delay_ms, backoff: backoff}
   end
 
   @doc "Its `init` returned `:ignore`."
   @spec ignored(t(), integer()) :: t()
-  def ignored(condition, now_ns),
-    do: %{enter(condition, :ignored, nil, now_ns) | up_since_ns: nil}
+  def ignored(status, now_ns),
+    do: %{enter(status, :ignored, nil, now_ns) | up_since_ns: nil}
 
   @doc "It runs but is silent."
   @spec silent(t(), term(), integer()) :: t()
-  def silent(condition, reason, now_ns), do: enter(condition, :stale, reason, now_ns)
+  def silent(status, reason, now_ns), do: enter(status, :stale, reason, now_ns)
 
   @doc "It goes on, and something is wrong all the same."
   @spec troubled(t(), term()) :: t()
-  def troubled(condition, reason), do: %{condition | last_error: Reason.plain(reason)}
+  def troubled(status, reason), do: %{status | last_error: Reason.plain(reason)}
 
   @doc "It published something."
   @spec heard(t(), integer()) :: t()
-  def heard(%{state: :stale, up_since_ns: up_since_ns} = condition, now_ns)
+  def heard(%{state: :stale, up_since_ns: up_since_ns} = status, now_ns)
       when is_integer(up_since_ns),
-      do: enter(condition, :up, nil, now_ns)
+      do: enter(status, :up, nil, now_ns)
 
-  def heard(condition, _now_ns), do: condition
+  def heard(status, _now_ns), do: status
 
   @doc "The words for its last error, `words.(last_error)`, which is asked once for each error."
   @spec explain(t(), t(), (term() -> String.t())) :: t()
-  def explain(_old, %{last_error: nil} = condition, _words), do: condition
+  def explain(_old, %{last_error: nil} = status, _words), do: status
 
-  def explain(%{last_error: error, error: words}, %{last_error: error} = condition, _words)
+  def explain(%{last_error: error, error: words}, %{last_error: error} = status, _words)
       when is_binary(words),
-      do: %{condition | error: words}
+      do: %{status | error: words}
 
-  def explain(_old, condition, words), do: %{condition | error: words.(condition.last_error)}
+  def explain(_old, status, words), do: %{status | error: words.(status.last_error)}
 
   @doc "Whether the second differs from the first in a way that the world should hear about."
   @spec news?(t(), t()) :: boolean()
@@ -107,22 +107,22 @@ defmodule BB.Component.Condition do
 
   @doc "Whether it is in a state that calls for an alarm."
   @spec alarming?(t()) :: boolean()
-  def alarming?(condition), do: condition.state in [:backoff, :stale]
+  def alarming?(status), do: status.state in [:backoff, :stale]
 
-  defp enter(condition, state, reason, now_ns) do
-    since_ns = if state == condition.state, do: condition.since_ns, else: now_ns
-    last_error = if reason == nil, do: condition.last_error, else: reason
+  defp enter(status, state, reason, now_ns) do
+    since_ns = if state == status.state, do: status.since_ns, else: now_ns
+    last_error = if reason == nil, do: status.last_error, else: reason
 
-    %{condition | state: state, since_ns: since_ns}
+    %{status | state: state, since_ns: since_ns}
     |> Map.merge(%{reason: reason, last_error: last_error, retry_in_ms: nil})
   end
 
   defp run_ms(%{up_since_ns: nil}, _now_ns), do: 0
 
-  defp run_ms(condition, now_ns), do: ms(now_ns - condition.up_since_ns)
+  defp run_ms(status, now_ns), do: ms(now_ns - status.up_since_ns)
 
-  defp init_ms(condition, now_ns),
-    do: ms((condition.up_since_ns || now_ns) - condition.started_ns)
+  defp init_ms(status, now_ns),
+    do: ms((status.up_since_ns || now_ns) - status.started_ns)
 
   defp ms(ns), do: System.convert_time_unit(ns, :nanosecond, :millisecond)
 end

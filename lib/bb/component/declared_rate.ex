@@ -1,4 +1,4 @@
-defmodule BB.Component.Declared do
+defmodule BB.Component.DeclaredRate do
   @moduledoc """
   How often components say that they publish (`c:BB.Sensor.rate/1`), with their options as they
   are now.
@@ -8,7 +8,7 @@ defmodule BB.Component.Declared do
   """
 
   alias BB.{Callback, Component, Parameter}
-  alias BB.Component.{Checked, Resolution}
+  alias BB.Component.{OptionsCheck, Resolution}
 
   # Who computes with a rate divides by it. A sensor that publishes less than once in a day has
   # none.
@@ -48,7 +48,7 @@ defmodule BB.Component.Declared do
   defp ask(robot, unknown) do
     unknown
     |> Enum.map(fn {component, values} -> {Resolution.of(robot, component), values} end)
-    |> Checked.options()
+    |> OptionsCheck.run()
     |> Enum.zip(unknown)
     |> Enum.map(fn {checked, {component, values}} ->
       {component, values, start(checked, component)}

@@ -1,10 +1,10 @@
-defmodule BB.Component.Pace do
+defmodule BB.Component.PublishRate do
   @moduledoc """
   How often components publish on their paths, and how often they say that they do.
   """
 
   alias BB.{Component, PubSub}
-  alias BB.Component.Declared
+  alias BB.Component.DeclaredRate
 
   @typedoc """
   Messages a second as measured over the last sixteen (`nil` before the first) and as declared
@@ -25,7 +25,7 @@ defmodule BB.Component.Pace do
   def of(robot, components) do
     heard = heard(robot)
 
-    for {component, declared_hz} <- Enum.zip(components, Declared.rates(robot, components)) do
+    for {component, declared_hz} <- Enum.zip(components, DeclaredRate.rates(robot, components)) do
       heard
       |> Map.get(Component.data_path(component), [])
       |> measured()

@@ -1,0 +1,99 @@
+defmodule BB.Component.ActivityTest do
+  use ExUnit.Case, async: true
+
+  import BB.Test.Eventually
+
+  alias BB.Component.{Activity, Heartbeat}
+  alias BB.{Message, PubSub}
+  alias BB.Message.Sensor.{PowerState, Status}
+
+  @path [:sensor, :base, :imu]
+
+  setup do
+    robot = Module.concat(__MODULE__, "Robot#{System.unique_integer([:positive])}")
+    start_supervised!({PubSub, robot})
+    %{robot: robot, heartbeat: Heartbeat.new(1_000)}
+  end
+
+  defp now, do: System.monotonic_time(:nanosecond)
+
+  defp publish(robot, path, time_ns, type \\ Status) do
+    fields = if type == Status, do: [state: :up, restarts: 0], else: [voltage: 1.0, current: 0.0]
+    PubSub.publish(robot, path, Message.new!(type, :imu, fields, monotonic_time: time_ns))
+  end
+
+  # Waits for a route, which all messages of a stream but the first few take.
+  defp routed(robot, path) do
+    eventually(fn ->
+      {_, routes, _} = :persistent_term.get(robot)
+      PubSub.Routes.find(routes, path, Status)
+    end)
+  end
+
+  defp heard(activity, now), do: Activity.look(activity, now).heard_ns
+
+  test "nothing is heard of what is published elsewhere", %{robot: robot, heartbeat: heartbeat} do
+    start = now()
+    activity = Activity.new(robot, @path, heartbeat, start)
+    for path <- [[:sensor, :base], @path ++ [:raw], [:sensor]], do: publish(robot, path, now())
+    assert heard(activity, now()) == start
+  end
+
+  test "what was published before does not count", %{robot: robot, heartbeat: heartbeat} do
+    publish(robot, @path, now())
+    start = now()
+    assert robot |> Activity.new(@path, heartbeat, start) |> heard(now()) == start
+  end
+
+  test "a message is heard at its own time", %{robot: robot, heartbeat: heartbeat} do
+    activity = Activity.new(robot, @path, heartbeat, now())
+    time = now()
+    publish(robot, @path, time)
+    assert heard(activity, now()) == time
+    routed(robot, @path)
+    later = now()
+    publish(robot, @path, later)
+    assert heard(Activity.look(activity, later), now()) == later
+  end
+
+  test "a message with a time that cannot be is heard now", %{robot: robot, heartbeat: heartbeat} do
+    for impossible <- [-1_000_000_000_000, 1_000_000_000_000] do
+      activity = Activity.new(robot, @path, heartbeat, now())
+      publish(robot, @path, now() + impossible)
+      look = now()
+      assert heard(activity, look) == look
+    end
+  end
+
+  test "each type of message is heard, also a later one", %{robot: robot, heartbeat: heartbeat} do
+    publish(robot, @path, now())
+    activity = Activity.new(robot, @path, heartbeat, now())
+    time = now()
+    publish(robot, @path, time, PowerState)
+    assert heard(activity, now()) == time
+  end
+
+  test "a silence after messages is one", %{robot: robot, heartbeat: heartbeat} do
+    activity = Activity.new(robot, @path, heartbeat, now())
+    time = now()
+    publish(robot, @path, time)
+    activity = Activity.look(activity, now())
+    for _ <- 1..3, do: assert(heard(activity, now()) == time)
+  end
+
+  test "the heartbeat is heard as messages are", %{robot: robot, heartbeat: heartbeat} do
+    activity = Activity.new(robot, @path, heartbeat, now())
+    Heartbeat.adopt(heartbeat)
+    time = now()
+    :ok = Heartbeat.beat(time)
+    assert heard(activity, now()) == time
+  end
+
+  test "a bus that is not there is silent", %{robot: robot, heartbeat: heartbeat} do
+    start = now()
+    activity = Activity.new(robot, @path, heartbeat, start)
+    stop_supervised!({PubSub, robot})
+    assert heard(activity, now()) == start
+    assert Activity.new(robot, @path, heartbeat, start).heard_ns == start
+  end
+end

@@ -1,0 +1,30 @@
+defmodule BB.Component.HeartbeatTest do
+  use ExUnit.Case, async: true
+
+  alias BB.Component.Heartbeat
+
+  test "has the defaults until its process says more" do
+    heartbeat = Heartbeat.new(nil)
+    Heartbeat.adopt(heartbeat)
+
+    assert {nil, 5_000, nil} =
+             {Heartbeat.heard_ns(heartbeat), Heartbeat.shutdown_ms(heartbeat),
+              Heartbeat.max_silence_ns()}
+
+    :ok = Heartbeat.beat(-7)
+    :ok = Heartbeat.shut_down_within(9_000)
+    assert {-7, 9_000} = {Heartbeat.heard_ns(heartbeat), Heartbeat.shutdown_ms(heartbeat)}
+  end
+
+  test "tells the process how long it may be silent" do
+    Heartbeat.adopt(Heartbeat.new(250_000_000))
+    assert Heartbeat.max_silence_ns() == 250_000_000
+  end
+
+  test "is nothing to a process that has none" do
+    assert :ok = Heartbeat.adopt(nil)
+    assert :ok = Heartbeat.beat(1)
+    assert :ok = Heartbeat.shut_down_within(1)
+    assert Heartbeat.max_silence_ns() == nil
+  end
+end
