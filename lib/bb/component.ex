@@ -1,20 +1,40 @@
 defmodule BB.Component do
   @moduledoc """
-  A component of a robot, as declared: a sensor, an actuator or a controller.
+  A component of a robot as it is declared: a sensor, an actuator or a controller.
 
-  All kinds of components run in one server (`BB.Component.Server`) under one keeper (`BB.Component.Keeper`). What differs
-  between kinds is told by the kind's behaviour module, `BB.Sensor` for sensors, through the callbacks of this behaviour;
-  `BB.Component.Kind` makes such modules.
+  `MyRobot.robot().components` lists the components of a robot as these structs. The struct is for
+  code that reads a robot's declaration; a driver implements `BB.Sensor`, `BB.Actuator` or
+  `BB.Controller`.
 
-    * `:name` - unique among all components of the robot
-    * `:kind` - the behaviour that its module implements
+      iex> component = %BB.Component{
+      ...>   name: :imu,
+      ...>   kind: BB.Sensor,
+      ...>   module: BB.Sensor.Mpu6050,
+      ...>   options: [bus: "i2c-1"],
+      ...>   path: [:base_link, :imu]
+      ...> }
+      iex> BB.Component.data_path(component)
+      [:sensor, :base_link, :imu]
+
+  ## Fields
+
+    * `:name` - the name, unique among all components of the robot
+    * `:kind` - the behaviour that the module implements: `BB.Sensor`, `BB.Actuator` or
+      `BB.Controller`
     * `:module`, `:options` - the callback module and its options as declared
-    * `:path` - where it is: `[name]` on the robot itself, `[link…, name]` on a link, `[link…, joint, name]` on a joint
+    * `:path` - the component's place: `[name]` on the robot itself, `[link…, name]` on a link,
+      `[link…, joint, name]` on a joint
     * `:attached_to` - `nil` (the robot), `{:link, name}` or `{:joint, name}`
-    * `:transmission` - what is between it and its joint (`BB.Transmission`), `nil` when nothing is
-    * `:required` - whether the robot is of no use without it
-    * `:retain` - whether its last message is worth keeping for those who subscribe late
-    * `:max_silence_ns` - the longest time between two of its messages, `nil` when it may be silent
+    * `:transmission` - the gears between the component and its joint (`BB.Transmission`), or `nil`
+    * `:required` - whether the robot is useless without the component
+    * `:retain` - whether the bus keeps the component's last message for late subscribers
+    * `:max_silence_ns` - the longest time between two messages, or `nil` for no limit
+
+  ## Kinds
+
+  All components run in the same server (`BB.Component.Server`) under the same keeper
+  (`BB.Component.Keeper`). A kind differs from the others by the callbacks of this behaviour.
+  `BB.Component.Kind` makes the module of a kind.
   """
 
   @enforce_keys [:name, :kind, :module, :options, :path]
@@ -46,27 +66,33 @@ defmodule BB.Component do
           retain: boolean()
         }
 
-  @doc "The kind's word, also the head of the paths on which its components publish: `:sensor`."
+  @doc """
+  Returns the kind's word, such as `:sensor`.
+
+  The paths on which components of the kind publish begin with it.
+  """
   @callback component_kind() :: atom()
 
   @doc """
-  Options that components of this kind get beside their own and `:bb`, made from the joint's name and the transmission, each
-  `nil` where there is none: `[sensor_profile: …]`.
+  Returns the options that the kind adds to a component's own options, such as
+  `[sensor_profile: …]`.
+
+  The joint's name and the transmission are `nil` where the component has none.
   """
   @callback component_options(joint_name :: atom() | nil, BB.Transmission.t() | nil) :: keyword()
 
-  @doc "Whether a module that is loaded declares a behaviour."
+  @doc "Returns whether a loaded module declares a behaviour."
   @spec implements?(module(), module()) :: boolean()
   def implements?(module, behaviour) do
     attributes = module.module_info(:attributes)
     Enum.any?(attributes, fn {key, value} -> key == :behaviour and behaviour in value end)
   end
 
-  @doc "The path on which a component publishes."
+  @doc "Returns the path on which a component publishes."
   @spec data_path(t()) :: [atom()]
   def data_path(%__MODULE__{kind: kind, path: path}), do: [kind.component_kind() | path]
 
-  @doc "The path on which changes of its state are published."
+  @doc "Returns the path on which the changes of a component's status are published."
   @spec status_path(t()) :: [atom()]
   def status_path(%__MODULE__{kind: kind, path: path}),
     do: [:"#{kind.component_kind()}_status" | path]

@@ -46,5 +46,5 @@ defmodule BB.Controller do
 
   @doc "Why a controller is down, for a person, as `BB.Sensor.explain/2` tells of sensors."
   @spec explain(module(), reason :: term()) :: String.t()
-  def explain(module, reason), do: Reason.words(reason, module)
+  def explain(module, reason), do: Reason.format(reason, module)
 end

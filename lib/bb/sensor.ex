@@ -82,10 +82,10 @@ defmodule BB.Sensor do
       iex> BB.Sensor.explain(BB.Sensor.Mpu6050, {:no_answer, "i2c-1", 0x68})
       "no answer at 0x68 on i2c-1: check wiring and power"
       iex> BB.Sensor.explain(BB.Sensor.Mpu6050, {:silent, 250})
-      "it has published nothing for 250 ms"
+      "published nothing for 250 ms"
   """
   @spec explain(module(), reason :: term()) :: String.t()
-  def explain(module, reason), do: Reason.words(reason, module)
+  def explain(module, reason), do: Reason.format(reason, module)
 
   @doc """
   Says, in the sensor's own process, that it is well: it did what `max_silence` asks for.

@@ -148,7 +148,7 @@ defmodule BB.ActuatorTest do
 
   test "a reason is explained in words" do
     assert BB.Actuator.explain(BB.Test.Motor, {:init_timeout, 5_000}) =~
-             "its init has not returned"
+             "init/1 has not returned"
 
     assert BB.Controller.explain(BB.Test.Brain, "tired") == "tired"
   end

@@ -1,28 +1,30 @@
 defmodule BB.Component.Activity do
   @moduledoc """
-  When a component was last heard of: by a message on its path, or by its own heartbeat.
+  The time of a component's last activity: a message on its path, or a heartbeat.
 
-  The keeper reads this when a silence would be too long, from what publishers count anyway
-  (`BB.PubSub.Meter`). No message comes to the keeper, and none costs more for being watched.
+  `BB.Component.Keeper` reads it to find a component that is silent. It reads what publishers count
+  anyway (`BB.PubSub.Meter`), so that no message is sent to the keeper and none costs more because
+  its component is watched.
   """
+  @moduledoc no_example: "internal: `max_silence` in a robot's declaration turns it on"
 
   alias BB.Component.Heartbeat
   alias BB.PubSub.{Bus, Meter, Streams}
 
-  @enforce_keys [:robot, :path, :heartbeat, :looked_ns, :heard_ns]
-  defstruct [:robot, :path, :heartbeat, :looked_ns, :heard_ns, meters: [], count: 0]
+  @enforce_keys [:robot, :path, :heartbeat, :checked_ns, :last_ns]
+  defstruct [:robot, :path, :heartbeat, :checked_ns, :last_ns, meters: [], count: 0]
 
   @type t :: %__MODULE__{
           robot: module(),
           path: [atom(), ...],
           heartbeat: Heartbeat.t(),
-          looked_ns: integer(),
-          heard_ns: integer(),
+          checked_ns: integer(),
+          last_ns: integer(),
           meters: [Meter.t()],
           count: non_neg_integer()
         }
 
-  @doc "Begins to listen: what was published before does not count."
+  @doc "Returns an activity that begins now. Messages that were published before do not count."
   @spec new(module(), [atom(), ...], Heartbeat.t(), integer()) :: t()
   def new(robot, path, heartbeat, now_ns) do
     meters = find_meters(robot, path)
@@ -31,44 +33,47 @@ defmodule BB.Component.Activity do
       robot: robot,
       path: path,
       heartbeat: heartbeat,
-      looked_ns: now_ns,
-      heard_ns: now_ns,
+      checked_ns: now_ns,
+      last_ns: now_ns,
       meters: meters,
       count: count(meters)
     }
   end
 
-  @doc "Looks what has been heard by now."
-  @spec look(t(), integer()) :: t()
-  def look(activity, now_ns) do
-    looked = activity |> hear_messages(now_ns) |> hear_pulse()
-    looked = if looked.heard_ns == activity.heard_ns, do: look_anew(looked, now_ns), else: looked
-    %{looked | looked_ns: now_ns}
+  @doc "Updates the time of the last activity."
+  @spec update(t(), integer()) :: t()
+  def update(activity, now_ns) do
+    updated = activity |> count_messages(now_ns) |> read_heartbeat()
+
+    updated =
+      if updated.last_ns == activity.last_ns, do: find_messages(updated, now_ns), else: updated
+
+    %{updated | checked_ns: now_ns}
   end
 
-  # A payload of another type has a meter of its own.
-  defp look_anew(activity, now_ns),
-    do: hear_messages(%{activity | meters: find_meters(activity.robot, activity.path)}, now_ns)
+  # A payload of a type that is new on the path has a meter of its own.
+  defp find_messages(activity, now_ns),
+    do: count_messages(%{activity | meters: find_meters(activity.robot, activity.path)}, now_ns)
 
-  defp hear_messages(activity, now_ns) do
+  defp count_messages(activity, now_ns) do
     case count(activity.meters) do
       count when count == activity.count ->
         activity
 
       count ->
         stamp_ns = activity.meters |> Enum.map(&Meter.newest/1) |> Enum.max(fn -> now_ns end)
-        heard(%{activity | count: count}, published_ns(activity, stamp_ns, now_ns))
+        put_last(%{activity | count: count}, published_ns(activity, stamp_ns, now_ns))
     end
   end
 
-  # A message may be stamped with any time. It was published since the last look, that is certain.
-  defp published_ns(%{looked_ns: looked_ns}, stamp_ns, now_ns),
-    do: if(stamp_ns > looked_ns and stamp_ns <= now_ns, do: stamp_ns, else: now_ns)
+  # A message may carry any time. The count says that it was published since the last check.
+  defp published_ns(%{checked_ns: checked_ns}, stamp_ns, now_ns),
+    do: if(stamp_ns > checked_ns and stamp_ns <= now_ns, do: stamp_ns, else: now_ns)
 
-  defp hear_pulse(activity),
-    do: heard(activity, Heartbeat.heard_ns(activity.heartbeat) || activity.heard_ns)
+  defp read_heartbeat(activity),
+    do: put_last(activity, Heartbeat.last_ns(activity.heartbeat) || activity.last_ns)
 
-  defp heard(activity, time_ns), do: %{activity | heard_ns: max(activity.heard_ns, time_ns)}
+  defp put_last(activity, time_ns), do: %{activity | last_ns: max(activity.last_ns, time_ns)}
 
   defp count(meters), do: meters |> Enum.map(&Meter.counted/1) |> Enum.sum()
 

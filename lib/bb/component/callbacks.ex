@@ -1,10 +1,14 @@
 defmodule BB.Component.Callbacks do
   @moduledoc """
-  What `use BB.Sensor`, and the other kinds of components, put into a callback module: the defaults of the optional
-  callbacks, and its options' schema.
-  """
+  The code that `use BB.Sensor`, `use BB.Actuator` and `use BB.Controller` put into a callback
+  module: the defaults of the optional callbacks, and the schema of its options.
 
-  @doc "The code for `use Kind, opts`."
+  `BB.Component.Kind` calls it.
+  """
+  @moduledoc no_example: "internal: BB.Sensor shows a callback module"
+
+  @doc "Returns the code for `use Kind, opts`."
+  @spec code(module(), Macro.t()) :: Macro.t()
   def code(kind, opts) do
     quote do
       @behaviour unquote(kind)
@@ -51,19 +55,19 @@ defmodule BB.Component.Callbacks do
     declared = Module.get_attribute(env.module, :bb_options_schema)
 
     case {declared, Module.defines?(env.module, {:options_schema, 0})} do
-      {{:ok, _schema}, true} -> raise CompileError, both(env)
+      {{:ok, _schema}, true} -> raise CompileError, declared_twice(env)
       {{:ok, schema}, false} -> schema_code(schema)
       {:error, true} -> nil
       {:error, false} -> schema_code(BB.Options.new!([]))
     end
   end
 
-  defp both(env) do
+  defp declared_twice(env) do
     [
       file: env.file,
       line: env.line,
       description:
-        "Declare the schema one way, not both: #{inspect(env.module)} has options_schema/0 and `options_schema:`"
+        "#{inspect(env.module)} has options_schema/0 and `options_schema:`, expected one of them"
     ]
   end
 

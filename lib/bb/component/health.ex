@@ -1,23 +1,36 @@
 defmodule BB.Component.Health do
   @moduledoc """
-  How a robot's components fare, for anyone to look up. Each keeper holds a row of its own in the robot's registry, so
-  nobody waits for anybody. A component's module is asked for its words once for each error, by
-  its keeper, and for its rate once for each set of options; one that does not answer is not
-  waited for again.
+  The health of a robot's components: one row for each component, which any process may read.
+
+  `BB.Sensor.health/1`, `BB.Actuator.health/1` and `BB.Controller.health/1` return these rows.
+
+      [%{name: :imu, state: :up, restarts: 0}] = BB.Sensor.health(MyRobot)
+
+  Each keeper holds its row in the robot's registry, so that a reader waits for no component. A
+  component's module is called for the text of an error once for each error, by its keeper, and for
+  its rate once for each set of options. A call that does not return is not made again.
   """
 
   alias BB.Component
-  alias BB.Component.{Status, PublishRate}
+  alias BB.Component.{PublishRate, Status}
 
   @typedoc """
-  One component:
+  The health of one component:
 
-    * `state`, and `since`, the monotonic time in nanoseconds at which it entered that
-    * `pid`, `nil` while it is down; `restarts` since the robot was started; `retry_in_ms` as it was when it went down
-    * `reason`: why it is not up; `last_error`: the latest such reason, also after it is up again, or what was wrong while it went on (`BB.Sensor.trouble/1`), `nil` when there was none; `error`: the last error in the words of its module
-    * `rate_hz`: messages a second on its path, over the last sixteen, falling once the next is overdue; `nil` before the first, and of what publishes elsewhere
-    * `declared_hz`: messages a second as the module says for its options (`c:BB.Sensor.rate/1`), `nil` where it does not
-    * `age_ns`: how old its last message is, `nil` before the first
+    * `state` - the component's state (`t:BB.Component.Status.state/0`)
+    * `since` - the monotonic time in nanoseconds at which it entered that state
+    * `pid` - its process, or `nil` while it is down
+    * `restarts` - the number of its restarts since the robot was started
+    * `retry_in_ms` - the delay before the next restart, as it was when the component went down
+    * `reason` - why it is not up, or `nil`
+    * `last_error` - the latest reason why it was not up, kept when it is up again, or the last
+      trouble of a component that ran on (`BB.Sensor.trouble/1`); `nil` when there was none
+    * `error` - the last error as text, from the component's module
+    * `rate_hz` - messages a second on its path, measured over the last sixteen, falling once the
+      next is overdue; `nil` before the first message, and for a component that publishes elsewhere
+    * `declared_hz` - messages a second as the module declares for its options
+      (`c:BB.Sensor.rate/1`), or `nil`
+    * `age_ns` - the age of its last message, or `nil` before the first
   """
   @type row :: %{
           name: atom(),
@@ -37,19 +50,25 @@ defmodule BB.Component.Health do
           since: integer()
         }
 
-  @doc "All components of a kind, in the order of their declaration. Raises `ArgumentError` when the robot is not started."
+  @doc """
+  Returns the rows of all components of a kind, in the order of their declaration.
+
+  Raises `ArgumentError` when the robot is not started.
+  """
   @spec list(module(), module()) :: [row()]
   def list(robot, kind) do
     registry = started!(robot)
     module = BB.Process.registry_module(robot)
     components = for %{kind: ^kind} = component <- robot.robot().components, do: component
 
-    for {component, pace} <- Enum.zip(components, PublishRate.of(robot, components)),
-        do: module |> row(registry, component) |> Map.merge(pace)
+    for {component, rates} <- Enum.zip(components, PublishRate.list(robot, components)),
+        do: module |> row(registry, component) |> Map.merge(rates)
   end
 
   @doc """
-  Enters a keeper's row, for as long as the calling process lives. `{:error, pid}` while a keeper that was killed has not ended yet.
+  Registers the calling keeper's row, for as long as the keeper lives.
+
+  Returns `{:error, pid}` while an earlier keeper, which was killed, has not exited yet.
   """
   @spec register(module(), Component.t(), Status.t(), pid() | nil) :: :ok | {:error, pid()}
   def register(robot, component, status, pid) do
@@ -62,30 +81,31 @@ defmodule BB.Component.Health do
     end
   end
 
-  @doc "Renews the calling keeper's row."
+  @doc "Updates the calling keeper's row."
   @spec put(module(), Component.t(), Status.t(), pid() | nil) :: :ok
   def put(robot, component, status, pid) do
     registry = BB.Process.registry_name(robot)
     module = BB.Process.registry_module(robot)
     row = to_row(component, status, pid)
     _ = module.update_value(registry, key(component), fn _old -> row end)
-    left = {status.restarts, Status.alarming?(status)}
-    module.put_meta(registry, {:kept, component.name}, left)
+    summary = {status.restarts, Status.alarm?(status)}
+    module.put_meta(registry, {:summary, component.name}, summary)
   rescue
-    # The registry is being restarted; the keeper enters its row again.
+    # The registry is being restarted. The keeper registers its row again.
     ArgumentError -> :ok
   end
 
   @doc """
-  What a keeper that died has left to the one after it: `{restarts, alarming?}`, `nil` when this one is the first.
+  Returns the restarts that a component's earlier keeper counted, and whether it had set an alarm.
+
+  Returns `nil` when the component has had no keeper before.
   """
-  @spec left(module(), Component.t()) :: {non_neg_integer(), boolean()} | nil
-  def left(robot, component) do
-    case BB.Process.registry_module(robot).meta(
-           BB.Process.registry_name(robot),
-           {:kept, component.name}
-         ) do
-      {:ok, left} -> left
+  @spec previous(module(), Component.t()) :: {non_neg_integer(), boolean()} | nil
+  def previous(robot, component) do
+    registry = BB.Process.registry_name(robot)
+
+    case BB.Process.registry_module(robot).meta(registry, {:summary, component.name}) do
+      {:ok, summary} -> summary
       :error -> nil
     end
   rescue
@@ -123,6 +143,11 @@ defmodule BB.Component.Health do
 
     if Process.whereis(registry),
       do: registry,
-      else: raise(ArgumentError, "the robot #{inspect(robot)} is not started")
+      else: raise(ArgumentError, not_started(robot))
+  end
+
+  defp not_started(robot) do
+    "robot #{inspect(robot)} is not started; start it under a supervisor or with " <>
+      "#{inspect(robot)}.start_link()"
   end
 end

@@ -1,60 +1,71 @@
 defmodule BB.Component.Keeper do
   @moduledoc """
-  Keeps one component running, so that its faults reach nobody else.
+  The process that keeps one component running, so that its faults do not reach other components.
 
-  The keeper is a component's supervisor, with two differences from OTP's: it starts a component again for ever, after the
-  delays of `BB.Component.Backoff`, and so uses no supervisor's restart budget; and it does not wait for the component's
-  `init/1`, so that a device which does not answer holds up neither the robot's start nor another component.
+  `BB.Supervisor.Part` starts one keeper for each sensor, actuator and controller of a robot. A
+  keeper is the supervisor of its component, and differs from OTP's in two ways:
 
-  What it knows of the component is a `BB.Component.Status`. On each change of state it publishes a
-  `BB.Message.Sensor.Status` on `[:sensor_status | path]`, sets or clears the OTP alarm `{kind, robot, path}`, emits the
-  telemetry event `[:bb, :sensor, :status]`, logs, and renews its row in `health/2` (for other kinds of components their
-  word stands in the place of `sensor`).
+    * It restarts the component without limit, after the delays of `BB.Component.Backoff`. A
+      component that fails therefore uses up no supervisor's restart budget.
+    * It does not wait for the component's `init/1`. A device that does not answer delays neither
+      the robot's start nor another component.
 
-  A component with a `max_silence` is looked after when that has passed since it was heard of last
-  (`BB.Component.Activity`); while it is silent, several times in that span. The keeper gets none
-  of its messages.
+  ## States
+
+  The keeper is a state machine. `BB.Component.Lifecycle` decides, purely, which phase follows an
+  event and what the keeper does then; this module turns messages into events and carries out the
+  actions.
+
+                  orphan found                    exited, start failed
+      ┌─────────┐◄─────────────┌──────────┐──────────────────────────────►┌─────────┐
+      │ blocked │              │ starting │                               │ backoff │
+      └─────────┘─────────────►└──────────┘◄──────────────────────────────└─────────┘
+                 orphan exited   │      │            retry                    ▲  ▲
+                              up │      │ exited: ignored                     │  │
+                                 ▼      ▼                                     │  │
+                        ┌─────────┐    ┌─────────┐                            │  │
+                        │ running │    │ ignored │                            │  │
+                        └─────────┘    └─────────┘                            │  │
+                         │       │ exited                                     │  │
+                stopping │       └────────────────────────────────────────────┘  │
+                         ▼                                                       │
+                        ┌──────────┐ exited                                      │
+                        │ stopping │─────────────────────────────────────────────┘
+                        └──────────┘
+
+  ## Reports
+
+  The keeper holds a `BB.Component.Status`. On each change of its state it publishes a
+  `BB.Message.Sensor.Status` on `[:sensor_status | path]`, sets or clears the OTP alarm
+  `{kind, robot, path}`, emits the telemetry event `[:bb, :sensor, :status]`, logs the change
+  (`BB.Component.StatusEvents`) and updates its row in `health/1` (`BB.Component.Health`). For
+  actuators and controllers their word stands in the place of `sensor`.
+
+  ## Silence
+
+  A keeper checks a component with a `max_silence` when that time has passed since the component's
+  last activity (`BB.Component.Activity`). While the component is silent, the keeper checks it
+  several times in each `max_silence`. The keeper receives none of the component's messages.
   """
+  @moduledoc no_example: "internal: a robot's declaration starts its keepers"
 
   use GenServer
   use BB.Process.Tolerant
 
   alias BB.Component
+  alias BB.Component.{Activity, Health, Heartbeat, Lifecycle, Reason, Server}
+  alias BB.Component.{ShutdownLimit, Status, StatusEvents}
 
-  alias BB.Component.{
-    Activity,
-    Health,
-    Heartbeat,
-    Reason,
-    Server,
-    ShutdownLimit,
-    Status,
-    StatusEvents
-  }
+  @register_again_ms 10
 
-  @init_timeout_ms 5_000
-  @attach_ms 10
+  # The checks of a silent component in one max_silence, and the bounds of their period.
+  @checks_per_silence 4
+  @check_ms 5..250
 
-  # How often a silent component is looked after: so often in its max_silence, within these
-  # bounds.
-  @looks 4
-  @looks_ms 5..250
+  @enforce_keys [:robot, :component, :lifecycle]
+  defstruct [:robot, :component, :lifecycle, :server, :orphan, :timer, :heartbeat, :activity]
 
-  @enforce_keys [:robot, :component, :status]
-  defstruct [
-    :robot,
-    :component,
-    :status,
-    :server,
-    :predecessor,
-    :watch,
-    :heartbeat,
-    :activity,
-    ready?: false,
-    stopping?: false
-  ]
-
-  @doc "A permanent place for the component under a supervisor of the robot's tree."
+  @doc "Returns the child specification of a component's keeper."
   @spec child_spec({module(), Component.t()}) :: Supervisor.child_spec()
   def child_spec({robot, component}) do
     %{
@@ -65,7 +76,7 @@ defmodule BB.Component.Keeper do
     }
   end
 
-  @doc "Starts the keeper and its component."
+  @doc "Starts a keeper, which starts its component."
   @spec start_link({module(), Component.t()}) :: GenServer.on_start()
   def start_link({robot, component}), do: GenServer.start_link(__MODULE__, {robot, component})
 
@@ -75,18 +86,21 @@ defmodule BB.Component.Keeper do
     # Tools that draw supervision trees ask a supervisor for its children.
     Process.put(:"$initial_call", {:supervisor, __MODULE__, 1})
 
-    status = Status.new(now_ns(), inherit(robot, component))
-    keeper = %__MODULE__{robot: robot, component: component, status: status}
-    {:ok, keeper |> attach() |> start()}
+    restarts = take_over(robot, component)
+    lifecycle = Lifecycle.new(now_ns(), component.max_silence_ns, restarts)
+    keeper = %__MODULE__{robot: robot, component: component, lifecycle: lifecycle}
+    keeper = register(keeper)
+    {:ok, keeper |> start_component() |> report_changes(keeper)}
   end
 
-  defp inherit(robot, component) do
-    case Health.left(robot, component) do
+  # A keeper that died may have left an alarm. Its successor counts one restart more.
+  defp take_over(robot, component) do
+    case Health.previous(robot, component) do
       nil ->
         0
 
-      {restarts, alarming?} ->
-        if alarming?, do: StatusEvents.clear_alarm(robot, component)
+      {restarts, alarm?} ->
+        if alarm?, do: StatusEvents.clear_alarm(robot, component)
         restarts + 1
     end
   end
@@ -102,92 +116,115 @@ defmodule BB.Component.Keeper do
   end
 
   def handle_call({:get_childspec, name}, _from, %{component: %{name: name}} = keeper) do
-    start = {Server, :start_link, [arguments(keeper)]}
+    start = {Server, :start_link, [server_arguments(keeper)]}
     {:reply, {:ok, %{id: name, start: start, restart: :permanent, type: :worker}}, keeper}
   end
 
   def handle_call({:get_childspec, _other}, _from, keeper),
     do: {:reply, {:error, :not_found}, keeper}
 
-  defp child(%{status: %{state: :ignored}}), do: :undefined
+  defp child(%{lifecycle: %{phase: :ignored}}), do: :undefined
   defp child(keeper), do: keeper.server || :restarting
 
   @impl GenServer
-  def handle_info({Server, pid, :up}, %{server: pid} = keeper) do
-    now_ns = now_ns()
-
-    %{keeper | ready?: true, activity: listen(keeper, now_ns)}
-    |> become(Status.up(keeper.status, now_ns))
-    |> watch_silence(now_ns)
-    |> noreply()
-  end
+  def handle_info({Server, pid, :up}, %{server: pid} = keeper), do: noreply(keeper, :up)
 
   def handle_info({Server, pid, {:stopping, _reason}}, %{server: pid} = keeper),
-    do: noreply(%{keeper | stopping?: true})
+    do: noreply(keeper, :stopping)
 
   def handle_info({Server, pid, {:trouble, reason}}, %{server: pid} = keeper),
-    do: keeper |> become(Status.troubled(keeper.status, reason)) |> noreply()
+    do: noreply(keeper, {:trouble, reason})
 
-  def handle_info({:EXIT, pid, reason}, %{server: pid} = keeper),
-    do: %{keeper | server: nil, ready?: false, watch: nil} |> ended(reason) |> noreply()
+  def handle_info({:EXIT, pid, reason}, %{server: pid} = keeper) do
+    outcome = keeper.lifecycle |> Lifecycle.outcome(reason) |> make_showable()
+    noreply(%{keeper | server: nil, timer: nil, activity: nil}, {:exited, outcome})
+  end
 
-  def handle_info({:EXIT, _pid, :normal}, keeper), do: noreply(keeper)
+  def handle_info({:EXIT, _pid, :normal}, keeper), do: {:noreply, keeper}
 
-  # The robot's registry or bus went down and took what the keeper had there with it.
-  def handle_info({:EXIT, _pid, _reason}, keeper), do: noreply(attach_later(keeper))
-  def handle_info(:attach, keeper), do: keeper |> attach() |> noreply()
+  # The robot's registry or bus has exited, and has lost what the keeper had registered there.
+  def handle_info({:EXIT, _pid, _reason}, keeper), do: {:noreply, register_later(keeper)}
+  def handle_info(:register, keeper), do: {:noreply, register(keeper)}
 
-  def handle_info(:retry, %{server: nil} = keeper),
-    do:
-      %{keeper | status: Status.restarted(keeper.status, now_ns())}
-      |> start()
-      |> noreply()
+  def handle_info(:retry, %{server: nil} = keeper), do: noreply(keeper, :retry)
 
-  def handle_info({:DOWN, ref, :process, _pid, _reason}, %{predecessor: ref} = keeper),
-    do: %{keeper | predecessor: nil} |> start() |> noreply()
+  def handle_info({:DOWN, ref, :process, _pid, _reason}, %{orphan: ref} = keeper),
+    do: noreply(%{keeper | orphan: nil}, :orphan_exited)
 
-  def handle_info({:timeout, watch, :watch}, %{watch: watch} = keeper),
-    do: %{keeper | watch: nil} |> check_silence(now_ns()) |> noreply()
+  def handle_info({:timeout, timer, :check}, %{timer: timer} = keeper),
+    do: {:noreply, check_component(%{keeper | timer: nil})}
 
-  def handle_info(_message, keeper), do: noreply(keeper)
+  def handle_info(_message, keeper), do: {:noreply, keeper}
 
   @impl GenServer
   def terminate(_reason, keeper) do
-    stop_server(keeper)
+    stop_component(keeper)
 
-    if Status.alarming?(keeper.status),
+    if Status.alarm?(keeper.lifecycle.status),
       do: StatusEvents.clear_alarm(keeper.robot, keeper.component)
   end
 
-  # Starting
+  # Events and actions
 
-  defp start(keeper) do
+  defp noreply(keeper, event), do: {:noreply, handle_event(keeper, event)}
+
+  defp handle_event(keeper, event), do: keeper |> transition(event) |> report_changes(keeper)
+
+  defp transition(keeper, event) do
+    {lifecycle, actions} = Lifecycle.transition(keeper.lifecycle, event, now_ns())
+    Enum.reduce(actions, %{keeper | lifecycle: lifecycle}, &run_action/2)
+  end
+
+  defp run_action(:start, keeper), do: start_component(keeper)
+  defp run_action({:watch_init, timeout_ms}, keeper), do: start_timer(keeper, timeout_ms)
+  defp run_action(:watch_activity, keeper), do: watch_activity(keeper, now_ns())
+
+  defp run_action({:retry_after, delay_ms}, keeper) do
+    Process.send_after(self(), :retry, delay_ms)
+    keeper
+  end
+
+  defp report_changes(keeper, %{lifecycle: %{status: old}} = before) do
+    format = &Reason.format(&1, keeper.component.module)
+    status = Status.put_error_text(keeper.lifecycle.status, old, format)
+    keeper = %{keeper | lifecycle: %{keeper.lifecycle | status: status}}
+
+    if {status, keeper.server} != {old, before.server},
+      do: Health.put(keeper.robot, keeper.component, status, keeper.server)
+
+    if Status.changed?(old, status),
+      do: StatusEvents.emit(keeper.robot, keeper.component, old, status)
+
+    keeper
+  end
+
+  # The component's process
+
+  defp start_component(keeper) do
     keeper = %{keeper | heartbeat: Heartbeat.new(keeper.component.max_silence_ns)}
 
     case start_server(keeper) do
       {:ok, pid} ->
-        %{keeper | server: pid, ready?: false, stopping?: false}
-        |> watch(@init_timeout_ms)
-        |> become(keeper.status)
+        transition(%{keeper | server: pid}, :started)
 
-      # What a killed keeper left behind has to be gone before another may have its device.
+      # The orphan has to be gone before another process may have its device.
       {:error, {:already_started, pid}} ->
         Process.exit(pid, :kill)
-        %{keeper | predecessor: Process.monitor(pid)}
+        transition(%{keeper | orphan: Process.monitor(pid)}, :orphan_found)
 
       {:error, reason} ->
-        down(keeper, :absent, reason)
+        transition(keeper, {:start_failed, reason})
     end
   end
 
   defp start_server(keeper) do
-    keeper |> arguments() |> Server.start_link()
+    keeper |> server_arguments() |> Server.start_link()
   rescue
     # The registry is being restarted.
     error in ArgumentError -> {:error, error}
   end
 
-  defp arguments(%{robot: robot, component: component, heartbeat: heartbeat}) do
+  defp server_arguments(%{robot: robot, component: component, heartbeat: heartbeat}) do
     [
       __callback_module__: component.module,
       __kind__: component.kind,
@@ -197,41 +234,31 @@ defmodule BB.Component.Keeper do
     ] ++ component.options
   end
 
-  # Ending
+  # Any process may have sent the reason of a crash. BB.Component.Server has checked the others.
+  defp make_showable({:crash, reason}), do: {:crash, Reason.showable(reason)}
+  defp make_showable(outcome), do: outcome
 
-  defp ended(keeper, {:shutdown, {Server, {:absent, reason}}}), do: down(keeper, :absent, reason)
+  defp stop_component(%{server: nil}), do: :ok
 
-  defp ended(keeper, {:shutdown, {Server, :ignored}}),
-    do: become(keeper, Status.ignored(keeper.status, now_ns()))
-
-  defp ended(%{stopping?: true} = keeper, reason), do: down(keeper, :absent, reason)
-  defp ended(keeper, reason), do: down(keeper, :crash, Reason.received(reason))
-
-  defp down(keeper, cause, reason) do
-    status = Status.down(keeper.status, cause, reason, now_ns())
-    Process.send_after(self(), :retry, status.retry_in_ms)
-    become(keeper, status)
-  end
-
-  # Terminating by a message runs terminate/2 in a process that does not trap exits; init has
-  # nothing to terminate yet.
-  defp stop_server(%{server: nil}), do: :ok
-
-  # What has just come up may hold something that only terminate/2 gives back.
-  defp stop_server(%{server: pid, ready?: false} = keeper) do
+  # Before init/1 has returned terminate/2 has nothing to do. A component that has just come up may
+  # hold something that only terminate/2 releases.
+  defp stop_component(%{server: pid, lifecycle: %{phase: :starting}} = keeper) do
     receive do
-      {Server, ^pid, :up} -> stop_server(%{keeper | ready?: true})
+      {Server, ^pid, :up} -> stop_server(keeper)
     after
       0 -> kill(pid)
     end
   end
 
+  defp stop_component(keeper), do: stop_server(keeper)
+
+  # A system message runs terminate/2 in a process that does not trap exits.
   defp stop_server(%{server: pid, heartbeat: heartbeat} = keeper) do
     limit_ms = ShutdownLimit.limit_ms(keeper.robot, Heartbeat.shutdown_ms(heartbeat))
     GenServer.stop(pid, :shutdown, limit_ms)
   catch
     :exit, reason ->
-      ShutdownLimit.ended(keeper.robot, reason)
+      ShutdownLimit.record(keeper.robot, reason)
       kill(pid)
   end
 
@@ -246,95 +273,56 @@ defmodule BB.Component.Keeper do
 
   # Silence
 
-  defp listen(%{component: %{max_silence_ns: nil}}, _now_ns), do: nil
+  defp watch_activity(%{component: %{max_silence_ns: nil}} = keeper, _now_ns),
+    do: %{keeper | activity: nil, timer: nil}
 
-  defp listen(keeper, now_ns),
-    do:
-      Activity.new(keeper.robot, Component.data_path(keeper.component), keeper.heartbeat, now_ns)
-
-  defp watch_silence(%{activity: nil} = keeper, _now_ns), do: %{keeper | watch: nil}
-
-  defp watch_silence(%{status: %{state: :stale}} = keeper, _now_ns) do
-    often_ms = div(keeper.component.max_silence_ns, @looks * 1_000_000)
-    watch(keeper, often_ms |> max(@looks_ms.first) |> min(@looks_ms.last))
+  defp watch_activity(%{component: component} = keeper, now_ns) do
+    path = Component.data_path(component)
+    activity = Activity.new(keeper.robot, path, keeper.heartbeat, now_ns)
+    schedule_check(%{keeper | activity: activity}, now_ns)
   end
 
-  defp watch_silence(keeper, now_ns) do
-    left_ns = keeper.activity.heard_ns + keeper.component.max_silence_ns - now_ns
-    watch(keeper, max(div(left_ns + 999_999, 1_000_000), 0))
-  end
+  defp check_component(%{lifecycle: %{phase: :starting}} = keeper),
+    do: handle_event(keeper, :init_timeout)
 
-  defp watch(keeper, after_ms),
-    do: %{keeper | watch: :erlang.start_timer(after_ms, self(), :watch)}
-
-  defp check_silence(%{server: nil} = keeper, _now_ns), do: keeper
-
-  defp check_silence(%{ready?: false} = keeper, now_ns),
-    do:
-      become(
-        keeper,
-        Status.silent(keeper.status, {:init_timeout, @init_timeout_ms}, now_ns)
-      )
-
-  # A watch over its init that was still on its way when it came up.
-  defp check_silence(%{activity: nil} = keeper, _now_ns), do: keeper
-
-  defp check_silence(keeper, now_ns) do
-    activity = Activity.look(keeper.activity, now_ns)
+  defp check_component(%{activity: %Activity{last_ns: previous_ns}} = keeper) do
+    now_ns = now_ns()
+    activity = Activity.update(keeper.activity, now_ns)
 
     %{keeper | activity: activity}
-    |> become_if_changed(judge(keeper, activity, now_ns))
-    |> watch_silence(now_ns)
+    |> handle_event({:activity_checked, previous_ns, activity.last_ns})
+    |> schedule_check(now_ns)
   end
 
-  # What is stale is up with its next message, be that old when it is found: then it is stale
-  # again at once.
-  defp judge(
-         %{status: %{state: :stale}, activity: %{heard_ns: before_ns}} = keeper,
-         activity,
-         now_ns
-       )
-       when activity.heard_ns > before_ns,
-       do: Status.heard(keeper.status, now_ns)
-
-  defp judge(%{status: status, component: %{max_silence_ns: max_ns}}, activity, now_ns) do
-    if now_ns - activity.heard_ns >= max_ns,
-      do: Status.silent(status, {:silent, div(max_ns, 1_000_000)}, now_ns),
-      else: Status.heard(status, now_ns)
+  defp schedule_check(%{lifecycle: %{status: %{state: :stale}}} = keeper, _now_ns) do
+    period_ms = div(keeper.component.max_silence_ns, @checks_per_silence * 1_000_000)
+    start_timer(keeper, period_ms |> max(@check_ms.first) |> min(@check_ms.last))
   end
 
-  # Telling
-
-  defp become_if_changed(%{status: status} = keeper, status), do: keeper
-  defp become_if_changed(keeper, status), do: become(keeper, status)
-
-  defp become(keeper, status) do
-    old = keeper.status
-    status = Status.explain(old, status, &Reason.words(&1, keeper.component.module))
-    keeper = %{keeper | status: status}
-    Health.put(keeper.robot, keeper.component, status, keeper.server)
-
-    if Status.news?(old, status),
-      do: StatusEvents.emit(keeper.robot, keeper.component, old, status)
-
-    keeper
+  defp schedule_check(keeper, now_ns) do
+    left_ns = keeper.activity.last_ns + keeper.component.max_silence_ns - now_ns
+    start_timer(keeper, max(div(left_ns + 999_999, 1_000_000), 0))
   end
 
-  # Its row in the registry lives as long as the registry does.
-  defp attach(keeper) do
-    %{robot: robot, component: component, status: status} = keeper
+  defp start_timer(keeper, after_ms),
+    do: %{keeper | timer: :erlang.start_timer(after_ms, self(), :check)}
+
+  # The registry
+
+  # The keeper's row in the registry lives as long as the registry does.
+  defp register(keeper) do
+    %{robot: robot, component: component, lifecycle: %{status: status}} = keeper
     if component.retain, do: BB.PubSub.retain(robot, Component.data_path(component))
     registered = Health.register(robot, component, status, keeper.server)
-    if registered == :ok, do: keeper, else: attach_later(keeper)
+    if registered == :ok, do: keeper, else: register_later(keeper)
   rescue
-    ArgumentError -> attach_later(keeper)
+    ArgumentError -> register_later(keeper)
   end
 
-  defp attach_later(keeper) do
-    Process.send_after(self(), :attach, @attach_ms)
+  defp register_later(keeper) do
+    Process.send_after(self(), :register, @register_again_ms)
     keeper
   end
 
   defp now_ns, do: System.monotonic_time(:nanosecond)
-  defp noreply(keeper), do: {:noreply, keeper}
 end

@@ -1,9 +1,14 @@
 defmodule BB.Component.Kind do
   @moduledoc """
-  Makes a module a kind of components: `use BB.Component.Kind, word: :sensor`.
+  Makes a module a kind of component. `BB.Sensor`, `BB.Actuator` and `BB.Controller` use it.
 
-  It gets the callbacks that all kinds have, which `BB.Component.Server` calls, and a `use` of its own for callback modules
-  (`BB.Component.Callbacks`). What is the kind's own is `c:BB.Component.component_options/2`.
+      defmodule BB.Sensor do
+        use BB.Component.Kind, word: :sensor
+      end
+
+  The module gets the callbacks that all kinds have, which `BB.Component.Server` calls, and a
+  `__using__` macro for callback modules (`BB.Component.Callbacks`). The kind itself defines
+  `c:BB.Component.component_options/2`.
   """
 
   @doc false
@@ -40,12 +45,14 @@ defmodule BB.Component.Kind do
 
   defp starting do
     quote do
-      @doc "The schema of the module's options."
+      @doc "Returns the schema of the module's options."
       @callback options_schema() :: BB.Options.schema() | BB.Options.t()
 
       @doc """
-      Opens the device. `{:stop, reason}` says that it is absent, and is asked again; `:ignore` turns the component off
-      for good.
+      Opens the device.
+
+      `{:stop, reason}` reports that the device is absent; `init/1` is called again after a delay.
+      `:ignore` turns the component off until the robot is started again.
       """
       @callback init(opts :: keyword()) ::
                   {:ok, state :: term()}
@@ -54,44 +61,58 @@ defmodule BB.Component.Kind do
                   | :ignore
 
       @doc """
-      Makes the hardware safe. Gets the options of `init/1` and must work without the process, which may be dead.
+      Makes the hardware safe.
+
+      It is called with the options of `init/1`, and must work without the component's process,
+      which may have exited.
       """
       @callback disarm(opts :: keyword()) :: :ok | {:error, term()}
 
       @doc """
-      Why the robot may not be armed before this component says that it may, by `BB.Safety.vouch/2` or `BB.Safety.allow/2`: for what
-      watches over the robot. It is in force before anything of the robot runs.
+      Returns the reason for which the robot cannot be armed before this component allows it, by
+      `BB.Safety.vouch/2` or `BB.Safety.allow/2`.
+
+      For components that watch over the robot, such as an emergency stop. The inhibition is in
+      force before any process of the robot runs.
       """
       @callback inhibition() :: reason :: term()
 
       @doc """
-      Takes on new options, checked as those of `init/1`, when a parameter to which they refer has changed. By default they
-      change nothing.
+      Applies new options after a parameter to which they refer has changed.
+
+      They are checked like the options of `init/1`. By default the state does not change.
       """
       @callback handle_options(new_opts :: keyword(), state :: term()) ::
                   {:ok, state :: term()} | {:stop, reason :: term()}
 
       @doc """
-      A reason of this module's in a sentence that says what to look at: "no answer at 0x68 on i2c-1: check wiring and power".
-      Reasons that it has no clause for are shown as terms.
+      Formats a reason of this module as a sentence that says what to do:
+      "no answer at 0x68 on i2c-1: check wiring and power".
+
+      A reason without a clause is shown as a term.
       """
       @callback explain(reason :: term()) :: String.t()
 
       @doc """
-      How many messages a second it publishes on its path when all is well, with the options that `init/1` gets; `nil` where
-      that is not to be said. Health shows it beside what is measured.
+      Returns how many messages a second the component publishes on its path while it works, for
+      the options of `init/1`.
+
+      `nil` declares no rate. Health shows the declared rate beside the measured one.
       """
       @callback rate(opts :: keyword()) :: number() | nil
 
       @doc """
-      Whether `max_silence` can be measured with these options, as declared: `:ok`, or why not and
-      what to change. Asked while a robot that declares one compiles; the default is `:ok`.
+      Returns whether `max_silence` can be measured with these options as declared: `:ok`, or why
+      not and what to change.
+
+      It is called while a robot that declares a `max_silence` compiles. The default is `:ok`.
       """
       @callback max_silence(opts :: keyword()) :: :ok | {:error, String.t()}
 
       @doc """
-      The ring topics that these options, as declared, name (`t:BB.Topic.name/0`), for one that works
-      with any: whether each fits the robot's prefix is checked while the robot compiles, and when it
+      Returns the ring topics that these options as declared name (`t:BB.Topic.name/0`).
+
+      Each name is checked against the robot's topic prefix while the robot compiles, and when it
       starts.
       """
       @callback topics(opts :: keyword()) :: [BB.Topic.name()]
@@ -100,7 +121,7 @@ defmodule BB.Component.Kind do
 
   defp serving do
     quote do
-      @doc "As in `GenServer`. By default the reply is `{:error, :not_implemented}`."
+      @doc "Handles a call, as in `GenServer`. By default it replies `{:error, :not_implemented}`."
       @callback handle_call(request :: term(), GenServer.from(), state :: term()) ::
                   {:reply, reply :: term(), new_state :: term()}
                   | {:reply, reply :: term(), new_state :: term(), next()}
@@ -109,16 +130,16 @@ defmodule BB.Component.Kind do
                   | {:stop, reason :: term(), reply :: term(), new_state :: term()}
                   | {:stop, reason :: term(), new_state :: term()}
 
-      @doc "As in `GenServer`. By default the request is ignored."
+      @doc "Handles a cast, as in `GenServer`. By default it ignores the request."
       @callback handle_cast(request :: term(), state :: term()) :: noreply()
 
-      @doc "As in `GenServer`. By default the message is ignored."
+      @doc "Handles a message, as in `GenServer`. By default it ignores the message."
       @callback handle_info(message :: term(), state :: term()) :: noreply()
 
-      @doc "As in `GenServer`. By default nothing is done."
+      @doc "Continues after another callback, as in `GenServer`. By default it does nothing."
       @callback handle_continue(argument :: term(), state :: term()) :: noreply()
 
-      @doc "As in `GenServer`; also runs when the robot is stopped."
+      @doc "Cleans up, as in `GenServer`. It also runs when the robot is stopped."
       @callback terminate(reason :: term(), state :: term()) :: term()
     end
   end

@@ -1,24 +1,30 @@
 defmodule BB.Component.OptionsCheck do
   @moduledoc """
-  The options of components, as `BB.Component.Resolution` makes them, where the check may itself
-  be wrong: a module's `options_schema/0` and the functions of its `:custom` types are code of
-  others.
+  Checks the options of components by `BB.Component.Resolution`, in bounded time.
+
+  `BB.Component.Server` uses it when a component starts or a parameter changes, and `BB.Supervisor`
+  when a robot starts. The check calls code of others, a module's `options_schema/0` and the
+  functions of its `:custom` types, and so runs by `BB.Callback`.
   """
+  @moduledoc no_example: "internal: a component's options are checked when its robot starts"
 
   alias BB.Callback
   alias BB.Component.Resolution
   alias BB.Options.ValidationError
 
-  # A check may look at hardware; it should not have to.
+  # A check may read hardware, though none should.
   @timeout_ms 2_000
 
-  @typedoc "`{:unchecked_options, words}`: nobody knows whether the options are right, and why."
+  @typedoc """
+  The result of one check. `{:unchecked_options, text}` says that the check itself failed, and why.
+  """
   @type result ::
           {:ok, keyword()} | {:error, ValidationError.t() | {:unchecked_options, String.t()}}
 
   @doc """
-  The options of several components with their parameters' values, in their order. All are checked
-  at once.
+  Checks the options of several components at the same time.
+
+  Returns the results in the order of the components.
   """
   @spec run([{Resolution.t(), Resolution.values()}]) :: [result()]
   def run(resolutions) do

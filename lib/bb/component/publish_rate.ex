@@ -1,15 +1,20 @@
 defmodule BB.Component.PublishRate do
   @moduledoc """
-  How often components publish on their paths, and how often they say that they do.
+  How often components publish on their paths, as measured and as declared.
+
+  `BB.Component.Health` adds these numbers to the rows of `health/1`.
   """
+  @moduledoc no_example: "internal: BB.Sensor.health/1 shows the rates"
 
   alias BB.{Component, PubSub}
   alias BB.Component.DeclaredRate
 
   @typedoc """
-  Messages a second as measured over the last sixteen (`nil` before the first) and as declared
-  (`c:BB.Sensor.rate/1`, `nil` where it declares none), and how old the last message is, in
-  nanoseconds.
+  The rates of one component:
+
+    * `rate_hz` - messages a second, measured over the last sixteen; `nil` before the first
+    * `declared_hz` - messages a second as the module declares (`c:BB.Sensor.rate/1`), or `nil`
+    * `age_ns` - the age of the last message in nanoseconds; `nil` before the first
   """
   @type t :: %{
           rate_hz: float() | nil,
@@ -18,25 +23,26 @@ defmodule BB.Component.PublishRate do
         }
 
   @doc """
-  The paces of components of a robot, in their order. Several types of messages on a path count
-  together.
-  """
-  @spec of(module(), [Component.t()]) :: [t()]
-  def of(robot, components) do
-    heard = heard(robot)
+  Returns the rates of the given components of a robot, in their order.
 
-    for {component, declared_hz} <- Enum.zip(components, DeclaredRate.rates(robot, components)) do
-      heard
+  Messages of several types on one path count together.
+  """
+  @spec list(module(), [Component.t()]) :: [t()]
+  def list(robot, components) do
+    topics = topics_by_path(robot)
+
+    for {component, declared_hz} <- Enum.zip(components, DeclaredRate.list(robot, components)) do
+      topics
       |> Map.get(Component.data_path(component), [])
       |> measured()
       |> Map.put(:declared_hz, declared_hz)
     end
   end
 
-  defp heard(robot) do
+  defp topics_by_path(robot) do
     Enum.group_by(PubSub.topics(robot), & &1.path)
   rescue
-    # The pubsub is being restarted, and has heard nothing.
+    # The pubsub is being restarted, and has counted nothing.
     ArgumentError -> %{}
   end
 

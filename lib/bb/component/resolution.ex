@@ -1,7 +1,19 @@
 defmodule BB.Component.Resolution do
   @moduledoc """
-  From a component's options as declared to those that its callbacks get: references are replaced by values, all is checked
-  against the module's schema, and what its place means is added. Pure.
+  Turns a component's declared options into the options of its callbacks.
+
+  `BB.Component.Server` resolves the options of its component: it replaces the references to
+  parameters by their values, checks the options against the module's schema, and adds the options
+  of the component's place. The module is pure.
+
+      iex> import BB.Parameter.Reference
+      iex> alias BB.Component.Resolution
+      iex> bb = %{robot: MyRobot, path: [:base_link, :imu]}
+      iex> options = [bus: "i2c-1", rate: param([:imu, :rate])]
+      iex> resolution = Resolution.new(BB.Sensor, BB.Sensor.Mpu6050, bb, options)
+      iex> {:ok, options} = Resolution.options(resolution, %{[:imu, :rate] => 50})
+      iex> options[:rate]
+      50
   """
 
   alias BB.{Component, Options, Robot, Transmission}
@@ -22,29 +34,38 @@ defmodule BB.Component.Resolution do
           transmission: Transmission.declared() | nil
         }
 
-  @doc "What is to be resolved for a module at `bb.path` of the robot, which may have no declaration in a driver's test."
+  @doc """
+  Returns the resolution for a module at `bb.path` of the robot.
+
+  In a driver's test the robot may have no declaration.
+  """
   @spec new(module(), module(), map(), keyword()) :: t()
   def new(kind, module, bb, options) do
-    at(
+    put_place(
       %__MODULE__{kind: kind, module: module, bb: bb, options: options},
-      declared(bb.robot, List.last(bb.path))
+      fetch_declared(bb.robot, List.last(bb.path))
     )
   end
 
-  @doc "The same for a component of a robot's declaration."
+  @doc "Returns the resolution for a component that a robot declares."
   @spec of(module(), Component.t()) :: t()
   def of(robot, %Component{} = component) do
     bb = %{robot: robot, path: component.path}
-    resolution = %__MODULE__{kind: component.kind, module: component.module, bb: bb, options: []}
-    at(%{resolution | options: component.options}, component)
+    %Component{kind: kind, module: module, options: options} = component
+    put_place(%__MODULE__{kind: kind, module: module, bb: bb, options: options}, component)
   end
 
-  @doc "The parameters to which it refers."
+  @doc "Returns the paths of the parameters to which the options refer."
   @spec paths(t()) :: [BB.Parameter.path()]
   def paths(%__MODULE__{options: options, transmission: transmission}),
     do: Enum.uniq(Reference.paths(options) ++ Reference.paths(transmission))
 
-  @doc "The options for `init/1` and `handle_options/2`, with these values of parameters; or the error, whose `keys_path` begins with the path."
+  @doc """
+  Returns the options for `init/1` and `handle_options/2`, with these values of the parameters.
+
+  The `keys_path` of an error begins with the component's path, so that its message ends in
+  ` (in options [:base_link, :imu])`.
+  """
   @spec options(t(), values()) :: {:ok, keyword()} | {:error, ValidationError.t()}
   def options(%__MODULE__{bb: bb} = resolution, values) do
     value = &Map.fetch!(values, &1)
@@ -73,14 +94,14 @@ defmodule BB.Component.Resolution do
          do: {:error, %{error | keys_path: bb.path ++ error.keys_path}}
   end
 
-  defp at(resolution, nil), do: resolution
+  defp put_place(resolution, nil), do: resolution
 
-  defp at(resolution, component) do
+  defp put_place(resolution, component) do
     joint_name = with {:joint, name} <- component.attached_to, do: name, else: (_ -> nil)
     %{resolution | joint_name: joint_name, transmission: component.transmission}
   end
 
-  defp declared(robot, name) do
+  defp fetch_declared(robot, name) do
     with true <- Code.ensure_loaded?(robot) and function_exported?(robot, :robot, 0),
          {:ok, component} <- Robot.fetch_component(robot.robot(), name) do
       component

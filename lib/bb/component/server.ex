@@ -1,30 +1,46 @@
 defmodule BB.Component.Server do
   @moduledoc """
-  The one process behind sensors, and behind every other kind of component.
+  The process of a component, of whichever kind.
 
-  It resolves the references to parameters in the options and in the transmission, checks the options against the callback
-  module's schema, calls `init/1` and then passes each request, message and time-out on. Its arguments are a keyword list:
+  A keeper (`BB.Component.Keeper`) starts one for its component; a driver's test starts one by
+  `BB.Sensor.Server`.
+
+  The server resolves the references to parameters in the options and in the transmission, checks
+  the options against the callback module's schema, calls `init/1`, and then passes each request,
+  message and time-out to the callback module.
+
+  ## Arguments
 
     * `:__callback_module__` - the module
     * `:__kind__` - the kind of component, a module with the behaviour `BB.Component`
-    * `:__keeper__` - the keeper that starts it, when there is one
-    * `:__heartbeat__` - what it shares with that keeper (`BB.Component.Heartbeat`)
-    * `:bb` - `%{robot: R, path: path}`
-    * all others are the user's options
+    * `:__keeper__` - the keeper that starts the server, if any
+    * `:__heartbeat__` - the heartbeat that it shares with its keeper (`BB.Component.Heartbeat`)
+    * `:bb` - `%{robot: robot_module, path: path}`
+    * any other argument is an option of the callback module
 
-  Started by a keeper, it calls the user's `init/1` after `start_link/1` has returned, so that a device which does not
-  answer holds up nobody, and reports to the keeper (`t:report/0`). Started by anyone else, `start_link/1` returns what
-  became of `init/1`.
+  ## Start
 
-  It watches the parameters before it has their values (`BB.Parameter.watch/2`), and calls `handle_options/2` once for each change
-  that makes another set of options: two parameters set by one `BB.Parameter.set_many/2` are one change, a parameter set to the
-  value that it has is none. Options that are wrong then, or `{:stop, reason}`, stop the process. The callback module sees nothing of the
-  watch; what it has subscribed to itself, below `[:param]` too, reaches its `handle_info/2` as any message does.
+  A server with a keeper calls `init/1` of the callback module after `start_link/1` has returned, so
+  that a device that does not answer delays no other process. It then reports to its keeper
+  (`t:report/0`). For a server without a keeper, `start_link/1` returns the result of `init/1`.
 
-  It does not trap exits under a keeper: it dies with its keeper, even while a callback hangs, and it dies with a process
-  that the callback module has linked to it. The keeper stops it by a system message, which runs `terminate/2`. Without a
-  keeper it traps exits for the same effect under any supervisor.
+  ## Parameters
+
+  The server watches the parameters (`BB.Parameter.watch/2`) before it reads their values. It calls
+  `handle_options/2` once for each change that makes another set of options: two parameters that one
+  `BB.Parameter.set_many/2` sets are one change, and a parameter that is set to its current value is
+  none. Options that the schema refuses then, or `{:stop, reason}`, stop the process. The callback
+  module receives no message of this watch. Its own subscriptions, also below `[:param]`, reach its
+  `handle_info/2` as any message does.
+
+  ## Exits
+
+  A server with a keeper does not trap exits: it dies with its keeper, even while a callback hangs,
+  and with any process that the callback module has linked to it. The keeper stops it by a system
+  message, which runs `terminate/2`. A server without a keeper traps exits, to the same effect under
+  any supervisor.
   """
+  @moduledoc no_example: "internal: BB.Sensor shows a callback module, BB.Sensor.Server a test"
 
   use GenServer
 
@@ -41,16 +57,19 @@ defmodule BB.Component.Server do
     :watch,
     :keeper,
     :user_state,
-    :wake_at,
+    :timeout_at_ms,
     values: %{},
     ready?: false,
-    guarded?: false
+    traps_exits?: false
   ]
 
   @typedoc """
-  What a keeper hears: `:up` when `init/1` is done, `{:stopping, reason}` before a callback's `{:stop, reason, state}` is
-  carried out, `{:trouble, reason}` for what is wrong although it goes on (`trouble/1`). Then comes the exit; `{:shutdown, {BB.Component.Server, outcome}}` is that of an `init/1` which returned
-  `{:stop, reason}` (outcome `{:absent, reason}`) or `:ignore` (`:ignored`).
+  A report to the keeper: `:up` when `init/1` has succeeded, `{:stopping, reason}` before the server
+  carries out a callback's `{:stop, reason, state}`, and `{:trouble, reason}` from `trouble/1`.
+
+  After an `init/1` that returned `{:stop, reason}` or `:ignore` the server exits with
+  `{:shutdown, {BB.Component.Server, {:absent, reason}}}` or
+  `{:shutdown, {BB.Component.Server, :ignored}}`.
   """
   @type report :: {__MODULE__, pid(), :up | {:stopping, term()} | {:trouble, term()}}
 
@@ -58,14 +77,18 @@ defmodule BB.Component.Server do
   @keeper {__MODULE__, :keeper}
   @own [:__callback_module__, :__kind__, :__keeper__, :__heartbeat__, :bb]
 
-  @doc "Starts a component and registers it under its name while its robot runs."
+  @doc "Starts a component's process, registered under the component's name while its robot runs."
   @spec start_link(keyword()) :: GenServer.on_start()
   def start_link(args) do
     %{robot: robot, path: path} = Keyword.fetch!(args, :bb)
     GenServer.start_link(__MODULE__, args, name(args[:__keeper__], robot, List.last(path)))
   end
 
-  @doc "Tells the keeper of the calling component, if it has one, what is wrong although it goes on."
+  @doc """
+  Reports trouble to the keeper of the calling component, which runs on.
+
+  Without a keeper it does nothing.
+  """
   @spec trouble(term()) :: :ok
   def trouble(reason) do
     keeper = Process.get(@keeper)
@@ -73,8 +96,8 @@ defmodule BB.Component.Server do
     :ok
   end
 
-  # A keeper's has its name or does not start: the registry may be about to be started again. A
-  # driver's test need not have a robot.
+  # With a keeper the server has its name or does not start: the registry may be about to restart.
+  # A driver's test need not have a robot.
   defp name(keeper, robot, name) do
     if keeper || Process.whereis(BB.Process.registry_name(robot)),
       do: [name: BB.Process.via(robot, name)],
@@ -113,53 +136,54 @@ defmodule BB.Component.Server do
   end
 
   def handle_continue(argument, server),
-    do: settle(server, run(server, :handle_continue, [argument, server.user_state]))
+    do: run_callback(server, :handle_continue, [argument])
 
   @impl GenServer
   def handle_call(request, from, server),
-    do: settle(server, run(server, :handle_call, [request, from, server.user_state]))
+    do: run_callback(server, :handle_call, [request, from])
 
   @impl GenServer
   def handle_cast(request, server),
-    do: settle(server, run(server, :handle_cast, [request, server.user_state]))
+    do: run_callback(server, :handle_cast, [request])
 
   @impl GenServer
-  def handle_info({:EXIT, _pid, reason}, %{guarded?: true} = server) do
-    if reason == :normal, do: resume(server), else: {:stop, reason, server}
+  def handle_info({:EXIT, _pid, reason}, %{traps_exits?: true} = server) do
+    if reason == :normal, do: continue_timeout(server), else: {:stop, reason, server}
   end
 
   def handle_info({BB.Parameter, watch, values}, %{watch: watch} = server),
-    do: take_on(%{server | values: Map.merge(server.values, values)})
+    do: update_options(%{server | values: Map.merge(server.values, values)})
 
-  # The robot's parameters are started anew. So is the component, with them.
+  # The robot's parameters are being restarted, and the component with them.
   def handle_info({:DOWN, watch, :process, _pid, _reason}, %{watch: watch} = server),
     do: {:stop, {:shutdown, {__MODULE__, {:absent, :parameters_restart}}}, server}
 
   def handle_info(message, server),
-    do: settle(server, run(server, :handle_info, [message, server.user_state]))
+    do: run_callback(server, :handle_info, [message])
 
   @impl GenServer
   def terminate(reason, %{ready?: true} = server),
-    do: run(server, :terminate, [reason, server.user_state])
+    do: apply_callback(server, :terminate, [reason, server.user_state])
 
   def terminate(_reason, _server), do: :ok
 
-  # Starting: the options, then the user's init.
+  # Starting: the options, then init/1 of the callback module
 
   defp start(server) do
-    with {:ok, server} <- watch(server),
-         {:ok, options} <- check(server) do
+    with {:ok, server} <- watch_parameters(server),
+         {:ok, options} <- check_options(server) do
       server = %{server | options: options}
-      server |> run_init() |> started(server)
+      server |> run_init() |> handle_init(server)
     else
       {:error, error} -> {:stop, error}
     end
   end
 
-  defp check(server), do: [{server.resolution, server.values}] |> OptionsCheck.run() |> hd()
+  defp check_options(server),
+    do: [{server.resolution, server.values}] |> OptionsCheck.run() |> hd()
 
-  # The values are those of the moment from which on it hears of changes.
-  defp watch(server) do
+  # The values are those at the moment from which on changes are reported.
+  defp watch_parameters(server) do
     with [_ | _] = paths <- Resolution.paths(server.resolution),
          {:ok, watch, values} <- BB.Parameter.watch(server.bb.robot, paths) do
       {:ok, %{server | watch: watch, values: values}}
@@ -171,103 +195,116 @@ defmodule BB.Component.Server do
 
   defp run_init(%{module: module, kind: kind, bb: bb, options: options} = server) do
     metadata = %{robot: bb.robot, path: bb.path, module: module}
-    enlist(server)
+    register_disarm(server)
 
-    init = fn -> {run(server, :init, [options]), metadata} end
+    init = fn -> {apply_callback(server, :init, [options]), metadata} end
     BB.Telemetry.span([:bb, kind.component_kind(), :init], metadata, init, apart: true)
   end
 
-  # Before its callbacks have the options, so that the hardware never moves without a handler that stops it.
-  defp enlist(%{module: module, bb: bb, options: options}) do
+  # Before the callbacks have the options, so that no hardware moves before its handler is known.
+  defp register_disarm(%{module: module, bb: bb, options: options}) do
     if function_exported?(module, :disarm, 1),
       do: BB.Safety.register(module, robot: bb.robot, path: bb.path, opts: options)
   end
 
-  defp started({:ok, state}, server), do: {:ok, ready(server, state)}
+  defp handle_init({:ok, state}, server), do: {:ok, put_ready(server, state)}
 
-  defp started({:ok, state, next}, server) do
-    server = ready(server, state)
-    {:ok, wake_after(server, next), next}
+  defp handle_init({:ok, state, next}, server) do
+    server = put_ready(server, state)
+    {:ok, put_timeout(server, next), next}
   end
 
-  defp started({:stop, reason}, _server), do: {:stop, Callback.showable(reason)}
-  defp started({:error, reason}, _server), do: {:stop, Callback.showable(reason)}
-  defp started(:ignore, _server), do: :ignore
-  defp started(other, _server), do: exit({:bad_return_value, Callback.showable(other)})
+  defp handle_init({:stop, reason}, _server), do: {:stop, Callback.showable(reason)}
+  defp handle_init({:error, reason}, _server), do: {:stop, Callback.showable(reason)}
+  defp handle_init(:ignore, _server), do: :ignore
+  defp handle_init(other, _server), do: exit({:bad_return_value, Callback.showable(other)})
 
-  # Without a keeper, exits are trapped for the sake of terminate/2, unless the callback module traps them for itself.
-  defp ready(server, state) do
-    guarded? = is_nil(server.keeper) and not Process.flag(:trap_exit, true)
-    %{server | user_state: state, ready?: true, guarded?: guarded?}
+  # Without a keeper the server traps exits so that terminate/2 runs, unless the callback module
+  # traps them for itself.
+  defp put_ready(server, state) do
+    traps_exits? = is_nil(server.keeper) and not Process.flag(:trap_exit, true)
+    %{server | user_state: state, ready?: true, traps_exits?: traps_exits?}
   end
 
   # New values of parameters
 
-  defp take_on(%{options: options} = server) do
-    case check(server) do
-      {:ok, ^options} -> resume(server)
-      {:ok, options} -> taken_on(%{server | options: options})
+  defp update_options(%{options: options} = server) do
+    case check_options(server) do
+      {:ok, ^options} -> continue_timeout(server)
+      {:ok, options} -> handle_options(%{server | options: options})
       {:error, error} -> {:stop, error, report(server, {:stopping, error})}
     end
   end
 
-  defp taken_on(server) do
-    enlist(server)
+  defp handle_options(server) do
+    register_disarm(server)
 
-    case run(server, :handle_options, [server.options, server.user_state]) do
-      {:ok, state} -> resume(%{server | user_state: state})
-      {:stop, reason} -> settle(server, {:stop, reason, server.user_state})
+    case apply_callback(server, :handle_options, [server.options, server.user_state]) do
+      {:ok, state} -> continue_timeout(%{server | user_state: state})
+      {:stop, reason} -> handle_return(server, {:stop, reason, server.user_state})
       other -> {:stop, {:bad_return_value, Callback.showable(other)}, server}
     end
   end
 
-  # What ends the process is shown by the log of the whole machine, which must be able to.
-  defp run(server, callback, arguments) do
+  # Callbacks
+
+  defp run_callback(server, callback, arguments) do
+    handle_return(server, apply_callback(server, callback, arguments ++ [server.user_state]))
+  end
+
+  # The machine's log shows why a process exits, and must be able to.
+  defp apply_callback(server, callback, arguments) do
     apply(server.module, callback, arguments)
   catch
     kind, reason -> :erlang.raise(kind, Callback.showable(reason), __STACKTRACE__)
   end
 
-  # What a callback returned, with the user's state put into the server's.
+  # Puts the callback module's new state into the server's.
 
-  defp settle(server, {:noreply, state}), do: {:noreply, keep(server, state)}
-  defp settle(server, {:noreply, state, next}), do: {:noreply, keep(server, state, next), next}
-  defp settle(server, {:reply, reply, state}), do: {:reply, reply, keep(server, state)}
+  defp handle_return(server, {:noreply, state}), do: {:noreply, put_state(server, state)}
 
-  defp settle(server, {:reply, reply, state, next}),
-    do: {:reply, reply, keep(server, state, next), next}
+  defp handle_return(server, {:noreply, state, next}),
+    do: {:noreply, put_state(server, state, next), next}
 
-  defp settle(server, {:stop, reason, state}) do
+  defp handle_return(server, {:reply, reply, state}),
+    do: {:reply, reply, put_state(server, state)}
+
+  defp handle_return(server, {:reply, reply, state, next}),
+    do: {:reply, reply, put_state(server, state, next), next}
+
+  defp handle_return(server, {:stop, reason, state}) do
     reason = Callback.showable(reason)
-    {:stop, reason, server |> report({:stopping, reason}) |> keep(state)}
+    {:stop, reason, server |> report({:stopping, reason}) |> put_state(state)}
   end
 
-  defp settle(server, {:stop, reason, reply, state}) do
+  defp handle_return(server, {:stop, reason, reply, state}) do
     reason = Callback.showable(reason)
-    {:stop, reason, reply, server |> report({:stopping, reason}) |> keep(state)}
+    {:stop, reason, reply, server |> report({:stopping, reason}) |> put_state(state)}
   end
 
-  defp settle(_server, other), do: Callback.showable(other)
+  defp handle_return(_server, other), do: Callback.showable(other)
 
-  defp keep(server, state, next \\ nil),
-    do: wake_after(%{server | user_state: state}, next)
+  defp put_state(server, state, next \\ nil),
+    do: put_timeout(%{server | user_state: state}, next)
 
-  # A message of the server's own must not use up the user's time-out.
+  # A message of the server's own does not end the callback module's time-out.
 
-  defp wake_after(server, timeout_ms) when is_integer(timeout_ms),
-    do: %{server | wake_at: System.monotonic_time(:millisecond) + timeout_ms}
+  defp put_timeout(server, timeout_ms) when is_integer(timeout_ms),
+    do: %{server | timeout_at_ms: now_ms() + timeout_ms}
 
-  defp wake_after(server, _next), do: %{server | wake_at: nil}
+  defp put_timeout(server, _next), do: %{server | timeout_at_ms: nil}
 
-  defp resume(%{wake_at: nil} = server), do: {:noreply, server}
+  defp continue_timeout(%{timeout_at_ms: nil} = server), do: {:noreply, server}
 
-  defp resume(server),
-    do: {:noreply, server, max(server.wake_at - System.monotonic_time(:millisecond), 0)}
+  defp continue_timeout(server),
+    do: {:noreply, server, max(server.timeout_at_ms - now_ms(), 0)}
 
-  defp report(%{keeper: nil} = server, _what), do: server
+  defp now_ms, do: System.monotonic_time(:millisecond)
 
-  defp report(server, what) do
-    send(server.keeper, {__MODULE__, self(), what})
+  defp report(%{keeper: nil} = server, _report), do: server
+
+  defp report(server, report) do
+    send(server.keeper, {__MODULE__, self(), report})
     server
   end
 end

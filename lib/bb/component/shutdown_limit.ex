@@ -1,47 +1,53 @@
 defmodule BB.Component.ShutdownLimit do
   @moduledoc """
-  How long a component that is stopped may take before it is killed.
+  The time that a component may take to stop before its keeper kills it.
 
-  A robot's components end one after the other, so that one can rely on those declared before it.
-  Many that hang, as they do when the bus that they share hangs, must not hold up the robot's end,
-  and its disarming, by that time each: the first that was not done in time had it for all of
-  them, and each of the others has a second.
+  `BB.Component.Keeper` asks for the limit when it stops a component, and records a component that
+  exceeded it.
+
+  A robot's components stop one after the other, so that each can rely on those declared before it.
+  When their shared bus hangs, many of them hang. The robot's end, and its disarming, must not wait
+  the full time for each: after the first component has exceeded its limit, each of the others has
+  a second.
   """
+  @moduledoc no_example: "internal: BB.Sensor.shut_down_within/1 sets the limit of a component"
 
   alias BB.Component.Heartbeat
 
-  @second_ms 1_000
-  @together_ms 60_000
+  @reduced_ms 1_000
+  @remembered_ms 60_000
 
   @doc """
-  The limit for a component of a robot that has `own_ms` when no other was late. One that has said
-  itself how long its end takes (`BB.Sensor.shut_down_within/1`) keeps that.
+  Returns the limit of a component of the robot.
+
+  `own_ms` is the component's own limit. A component that has set its limit itself
+  (`BB.Sensor.shut_down_within/1`) keeps it even when another one was late.
   """
   @spec limit_ms(module(), non_neg_integer()) :: non_neg_integer()
   def limit_ms(robot, own_ms) do
-    said? = own_ms != Heartbeat.default_shutdown_ms()
-    if not said? and late?(robot), do: @second_ms, else: own_ms
+    set? = own_ms != Heartbeat.default_shutdown_ms()
+    if not set? and exceeded?(robot), do: @reduced_ms, else: own_ms
   end
 
-  @doc "A component was not stopped: remembers it when that is because it was late."
-  @spec ended(module(), reason :: term()) :: :ok
-  def ended(robot, {:timeout, _call}), do: ended(robot, :timeout)
+  @doc "Records why a component could not be stopped, if it exceeded its limit."
+  @spec record(module(), reason :: term()) :: :ok
+  def record(robot, {:timeout, _call}), do: record(robot, :timeout)
 
-  def ended(robot, :timeout) do
+  def record(robot, :timeout) do
     {module, registry} = registry(robot)
     module.put_meta(registry, __MODULE__, now_ms())
   rescue
-    # The registry ended before the components.
+    # The registry has stopped before the components.
     ArgumentError -> :ok
   end
 
-  def ended(_robot, _reason), do: :ok
+  def record(_robot, _reason), do: :ok
 
-  defp late?(robot) do
+  defp exceeded?(robot) do
     {module, registry} = registry(robot)
 
     case module.meta(registry, __MODULE__) do
-      {:ok, at_ms} -> now_ms() - at_ms < @together_ms
+      {:ok, at_ms} -> now_ms() - at_ms < @remembered_ms
       :error -> false
     end
   rescue

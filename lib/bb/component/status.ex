@@ -1,16 +1,25 @@
 defmodule BB.Component.Status do
   @moduledoc """
-  How a component fares, and what each thing that happens to it makes of that. Pure; times are monotonic nanoseconds.
+  The status of a component, as `health/1` shows it and its keeper publishes it.
 
-  The states:
+  `BB.Component.Lifecycle` calls these functions for each event. The module is pure; times are
+  monotonic nanoseconds.
 
-    * `:starting` - since the robot was started its first `init` has not returned
-    * `:up` - it runs
-    * `:stale` - it runs but is silent: it published or carried nothing for its `max_silence`, or
-      its `init` does not return. It is left alone: only it can know whether its device is merely
-      slow, and a process that hangs in a callback is up again with its next message
-    * `:backoff` - it went down and is started again after `retry_in_ms`; so until its `init` has returned `{:ok, …}`
-    * `:ignored` - its `init` returned `:ignore`; it is not started again
+      iex> alias BB.Component.Status
+      iex> status = Status.new(0) |> Status.up(1) |> Status.down(:absent, :no_answer, 2)
+      iex> {status.state, status.reason, status.retry_in_ms in 50..100}
+      {:backoff, :no_answer, true}
+
+  ## States
+
+    * `:starting` - the robot has just started, and the first `init/1` has not returned
+    * `:up` - the component runs
+    * `:stale` - the component runs but is silent: it has published or carried nothing for its
+      `max_silence`, or its `init/1` does not return. Its process is not restarted, since only the
+      component can know whether its device is merely slow. It is up again with its next message
+    * `:backoff` - the component went down and is restarted after `retry_in_ms`. The state stays
+      `:backoff` until the new `init/1` has returned `{:ok, state}`
+    * `:ignored` - `init/1` returned `:ignore`; the component is not restarted
   """
 
   alias BB.Component.{Backoff, Reason}
@@ -44,21 +53,25 @@ defmodule BB.Component.Status do
           backoff: Backoff.t()
         }
 
-  @doc "A component that is started for the first time, or whose keeper is, after so many `restarts`."
+  @doc """
+  Returns the status of a component that is about to be started.
+
+  `restarts` is the number of restarts by earlier keepers of the same component.
+  """
   @spec new(integer(), non_neg_integer()) :: t()
   def new(now_ns, restarts \\ 0),
     do: %__MODULE__{since_ns: now_ns, started_ns: now_ns, restarts: restarts}
 
-  @doc "It is started again."
+  @doc "Returns the status of a component that is started again."
   @spec restarted(t(), integer()) :: t()
   def restarted(status, now_ns),
     do: %{status | restarts: status.restarts + 1, retry_in_ms: nil, started_ns: now_ns}
 
-  @doc "Its `init` succeeded."
+  @doc "Returns the status of a component whose `init/1` has succeeded."
   @spec up(t(), integer()) :: t()
-  def up(status, now_ns), do: %{enter(status, :up, nil, now_ns) | up_since_ns: now_ns}
+  def up(status, now_ns), do: %{put_state(status, :up, nil, now_ns) | up_since_ns: now_ns}
 
-  @doc "It went down: it crashed, or said that its device is absent."
+  @doc "Returns the status of a component that has crashed, or whose device is absent."
   @spec down(t(), Backoff.cause(), term(), integer()) :: t()
   def down(status, cause, reason, now_ns) do
     {delay_ms, backoff} =
@@ -66,50 +79,59 @@ defmodule BB.Component.Status do
       |> Backoff.ran(run_ms(status, now_ns))
       |> Backoff.next(cause, init_ms(status, now_ns))
 
-    status = enter(status, :backoff, Reason.plain(reason), now_ns)
+    status = put_state(status, :backoff, Reason.normalize(reason), now_ns)
     %{status | up_since_ns: nil, retry_in_ms: delay_ms, backoff: backoff}
   end
 
-  @doc "Its `init` returned `:ignore`."
+  @doc "Returns the status of a component whose `init/1` has returned `:ignore`."
   @spec ignored(t(), integer()) :: t()
   def ignored(status, now_ns),
-    do: %{enter(status, :ignored, nil, now_ns) | up_since_ns: nil}
+    do: %{put_state(status, :ignored, nil, now_ns) | up_since_ns: nil}
 
-  @doc "It runs but is silent."
-  @spec silent(t(), term(), integer()) :: t()
-  def silent(status, reason, now_ns), do: enter(status, :stale, reason, now_ns)
+  @doc "Returns the status of a component that runs and is silent."
+  @spec stale(t(), term(), integer()) :: t()
+  def stale(status, reason, now_ns), do: put_state(status, :stale, reason, now_ns)
 
-  @doc "It goes on, and something is wrong all the same."
-  @spec troubled(t(), term()) :: t()
-  def troubled(status, reason), do: %{status | last_error: Reason.plain(reason)}
+  @doc """
+  Returns the status of a component that has published something: a stale one is up.
 
-  @doc "It published something."
-  @spec heard(t(), integer()) :: t()
-  def heard(%{state: :stale, up_since_ns: up_since_ns} = status, now_ns)
+  A component whose `init/1` has not returned stays stale.
+  """
+  @spec active(t(), integer()) :: t()
+  def active(%{state: :stale, up_since_ns: up_since_ns} = status, now_ns)
       when is_integer(up_since_ns),
-      do: enter(status, :up, nil, now_ns)
+      do: put_state(status, :up, nil, now_ns)
 
-  def heard(status, _now_ns), do: status
+  def active(status, _now_ns), do: status
 
-  @doc "The words for its last error, `words.(last_error)`, which is asked once for each error."
-  @spec explain(t(), t(), (term() -> String.t())) :: t()
-  def explain(_old, %{last_error: nil} = status, _words), do: status
+  @doc "Sets the last error of a component that runs on in spite of it."
+  @spec put_last_error(t(), term()) :: t()
+  def put_last_error(status, reason), do: %{status | last_error: Reason.normalize(reason)}
 
-  def explain(%{last_error: error, error: words}, %{last_error: error} = status, _words)
-      when is_binary(words),
-      do: %{status | error: words}
+  @doc """
+  Sets the text of the last error, `format.(last_error)`.
 
-  def explain(_old, status, words), do: %{status | error: words.(status.last_error)}
+  The text of the old status is kept while the error is the same, so that `format` is called once
+  for each error.
+  """
+  @spec put_error_text(t(), t(), (term() -> String.t())) :: t()
+  def put_error_text(%{last_error: nil} = status, _old, _format), do: status
 
-  @doc "Whether the second differs from the first in a way that the world should hear about."
-  @spec news?(t(), t()) :: boolean()
-  def news?(old, new), do: {old.state, old.reason} != {new.state, new.reason}
+  def put_error_text(%{last_error: error} = status, %{last_error: error, error: text}, _format)
+      when is_binary(text),
+      do: %{status | error: text}
 
-  @doc "Whether it is in a state that calls for an alarm."
-  @spec alarming?(t()) :: boolean()
-  def alarming?(status), do: status.state in [:backoff, :stale]
+  def put_error_text(status, _old, format), do: %{status | error: format.(status.last_error)}
 
-  defp enter(status, state, reason, now_ns) do
+  @doc "Returns whether the state or its reason has changed, which is then published."
+  @spec changed?(t(), t()) :: boolean()
+  def changed?(old, new), do: {old.state, old.reason} != {new.state, new.reason}
+
+  @doc "Returns whether the state calls for an alarm."
+  @spec alarm?(t()) :: boolean()
+  def alarm?(status), do: status.state in [:backoff, :stale]
+
+  defp put_state(status, state, reason, now_ns) do
     since_ns = if state == status.state, do: status.since_ns, else: now_ns
     last_error = if reason == nil, do: status.last_error, else: reason
 
@@ -118,11 +140,9 @@ defmodule BB.Component.Status do
   end
 
   defp run_ms(%{up_since_ns: nil}, _now_ns), do: 0
+  defp run_ms(status, now_ns), do: to_ms(now_ns - status.up_since_ns)
 
-  defp run_ms(status, now_ns), do: ms(now_ns - status.up_since_ns)
+  defp init_ms(status, now_ns), do: to_ms((status.up_since_ns || now_ns) - status.started_ns)
 
-  defp init_ms(status, now_ns),
-    do: ms((status.up_since_ns || now_ns) - status.started_ns)
-
-  defp ms(ns), do: System.convert_time_unit(ns, :nanosecond, :millisecond)
+  defp to_ms(ns), do: System.convert_time_unit(ns, :nanosecond, :millisecond)
 end

@@ -1,18 +1,22 @@
 defmodule BB.Component.StatusEvents do
   @moduledoc """
-  Tells the world of a change in how a component fares: alarm, telemetry, log, message. Runs in the component's keeper.
+  The events of a change in a component's status: an alarm, a telemetry event, a line in the log and
+  a message on the bus.
+
+  `BB.Component.Keeper` calls these functions in its own process.
   """
+  @moduledoc no_example: "internal: BB.Component.Keeper calls it on each change of status"
 
   require Logger
 
   alias BB.{Component, Message, PubSub}
   alias BB.Component.Status
 
-  @doc "Tells that a component went from one status to another."
+  @doc "Emits the events of a change from one status to another."
   @spec emit(module(), Component.t(), Status.t(), Status.t()) :: :ok
   def emit(robot, component, old, new) do
-    alarm(robot, component, old, new)
-    telemetry(robot, component, new)
+    update_alarm(robot, component, old, new)
+    emit_telemetry(robot, component, new)
     log(robot, component, old, new)
     publish(robot, component, new)
   end
@@ -20,11 +24,11 @@ defmodule BB.Component.StatusEvents do
   @doc "Clears the component's alarm."
   @spec clear_alarm(module(), Component.t()) :: :ok
   def clear_alarm(robot, component),
-    do: with_alarms(fn -> :alarm_handler.clear_alarm(alarm_id(robot, component)) end)
+    do: with_alarm_handler(fn -> :alarm_handler.clear_alarm(alarm_id(robot, component)) end)
 
-  # A handler may show each event that it gets, so it gets only changes.
-  defp alarm(robot, component, old, new) do
-    case {Status.alarming?(old), Status.alarming?(new)} do
+  # An alarm handler may print each event, so it receives changes only.
+  defp update_alarm(robot, component, old, new) do
+    case {Status.alarm?(old), Status.alarm?(new)} do
       {false, true} -> set_alarm(robot, component, new)
       {true, false} -> clear_alarm(robot, component)
       _ -> :ok
@@ -32,19 +36,19 @@ defmodule BB.Component.StatusEvents do
   end
 
   defp set_alarm(robot, component, status) do
-    description = %{state: status.state, reason: status.reason}
-    with_alarms(fn -> :alarm_handler.set_alarm({alarm_id(robot, component), description}) end)
+    alarm = {alarm_id(robot, component), %{state: status.state, reason: status.reason}}
+    with_alarm_handler(fn -> :alarm_handler.set_alarm(alarm) end)
   end
 
   defp alarm_id(robot, component), do: {component.kind, robot, component.path}
 
-  # SASL, which has the alarm handler, may have been left out of a release.
-  defp with_alarms(change) do
-    if Process.whereis(:alarm_handler), do: change.()
+  # A release may have been built without SASL, which starts the alarm handler.
+  defp with_alarm_handler(fun) do
+    if Process.whereis(:alarm_handler), do: fun.()
     :ok
   end
 
-  defp telemetry(robot, component, status) do
+  defp emit_telemetry(robot, component, status) do
     metadata = %{
       robot: robot,
       path: component.path,
@@ -61,22 +65,17 @@ defmodule BB.Component.StatusEvents do
   end
 
   defp log(robot, component, old, %{state: :up}) do
-    if Status.alarming?(old), do: Logger.info("#{title(robot, component)} is up again")
+    if Status.alarm?(old), do: Logger.info("#{title(robot, component)} is up again")
   end
 
-  defp log(robot, component, _old, %{state: :backoff} = status) do
-    Logger.warning([
-      title(robot, component),
-      " is down and will be started again until it is up: ",
-      status.error
-    ])
-  end
+  defp log(robot, component, _old, %{state: :backoff, error: error}),
+    do: Logger.warning("#{title(robot, component)} is down, restarting until it is up: #{error}")
 
-  defp log(robot, component, _old, %{state: :stale} = status),
-    do: Logger.warning("#{title(robot, component)} is silent: #{status.error}")
+  defp log(robot, component, _old, %{state: :stale, error: error}),
+    do: Logger.warning("#{title(robot, component)} is silent: #{error}")
 
   defp log(robot, component, _old, %{state: :ignored}),
-    do: Logger.info("#{title(robot, component)} is off: its init returned :ignore")
+    do: Logger.info("#{title(robot, component)} is off: its init/1 returned :ignore")
 
   defp title(robot, component) do
     "#{inspect(robot)}: #{component.kind.component_kind()} #{inspect(component.name)}"
@@ -93,7 +92,7 @@ defmodule BB.Component.StatusEvents do
 
     PubSub.publish(robot, Component.status_path(component), message)
   rescue
-    # The bus is being restarted, and nobody is subscribed to it.
+    # The bus is being restarted, and has no subscribers.
     ArgumentError -> :ok
   end
 end

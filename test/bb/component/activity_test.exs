@@ -30,30 +30,30 @@ defmodule BB.Component.ActivityTest do
     end)
   end
 
-  defp heard(activity, now), do: Activity.look(activity, now).heard_ns
+  defp last_ns(activity, now), do: Activity.update(activity, now).last_ns
 
   test "nothing is heard of what is published elsewhere", %{robot: robot, heartbeat: heartbeat} do
     start = now()
     activity = Activity.new(robot, @path, heartbeat, start)
     for path <- [[:sensor, :base], @path ++ [:raw], [:sensor]], do: publish(robot, path, now())
-    assert heard(activity, now()) == start
+    assert last_ns(activity, now()) == start
   end
 
   test "what was published before does not count", %{robot: robot, heartbeat: heartbeat} do
     publish(robot, @path, now())
     start = now()
-    assert robot |> Activity.new(@path, heartbeat, start) |> heard(now()) == start
+    assert robot |> Activity.new(@path, heartbeat, start) |> last_ns(now()) == start
   end
 
   test "a message is heard at its own time", %{robot: robot, heartbeat: heartbeat} do
     activity = Activity.new(robot, @path, heartbeat, now())
     time = now()
     publish(robot, @path, time)
-    assert heard(activity, now()) == time
+    assert last_ns(activity, now()) == time
     routed(robot, @path)
     later = now()
     publish(robot, @path, later)
-    assert heard(Activity.look(activity, later), now()) == later
+    assert last_ns(Activity.update(activity, later), now()) == later
   end
 
   test "a message with a time that cannot be is heard now", %{robot: robot, heartbeat: heartbeat} do
@@ -61,7 +61,7 @@ defmodule BB.Component.ActivityTest do
       activity = Activity.new(robot, @path, heartbeat, now())
       publish(robot, @path, now() + impossible)
       look = now()
-      assert heard(activity, look) == look
+      assert last_ns(activity, look) == look
     end
   end
 
@@ -70,15 +70,15 @@ defmodule BB.Component.ActivityTest do
     activity = Activity.new(robot, @path, heartbeat, now())
     time = now()
     publish(robot, @path, time, PowerState)
-    assert heard(activity, now()) == time
+    assert last_ns(activity, now()) == time
   end
 
   test "a silence after messages is one", %{robot: robot, heartbeat: heartbeat} do
     activity = Activity.new(robot, @path, heartbeat, now())
     time = now()
     publish(robot, @path, time)
-    activity = Activity.look(activity, now())
-    for _ <- 1..3, do: assert(heard(activity, now()) == time)
+    activity = Activity.update(activity, now())
+    for _ <- 1..3, do: assert(last_ns(activity, now()) == time)
   end
 
   test "the heartbeat is heard as messages are", %{robot: robot, heartbeat: heartbeat} do
@@ -86,14 +86,14 @@ defmodule BB.Component.ActivityTest do
     Heartbeat.adopt(heartbeat)
     time = now()
     :ok = Heartbeat.beat(time)
-    assert heard(activity, now()) == time
+    assert last_ns(activity, now()) == time
   end
 
   test "a bus that is not there is silent", %{robot: robot, heartbeat: heartbeat} do
     start = now()
     activity = Activity.new(robot, @path, heartbeat, start)
     stop_supervised!({PubSub, robot})
-    assert heard(activity, now()) == start
-    assert Activity.new(robot, @path, heartbeat, start).heard_ns == start
+    assert last_ns(activity, now()) == start
+    assert Activity.new(robot, @path, heartbeat, start).last_ns == start
   end
 end

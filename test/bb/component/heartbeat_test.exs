@@ -3,17 +3,19 @@ defmodule BB.Component.HeartbeatTest do
 
   alias BB.Component.Heartbeat
 
+  doctest Heartbeat
+
   test "has the defaults until its process says more" do
     heartbeat = Heartbeat.new(nil)
     Heartbeat.adopt(heartbeat)
 
     assert {nil, 5_000, nil} =
-             {Heartbeat.heard_ns(heartbeat), Heartbeat.shutdown_ms(heartbeat),
+             {Heartbeat.last_ns(heartbeat), Heartbeat.shutdown_ms(heartbeat),
               Heartbeat.max_silence_ns()}
 
     :ok = Heartbeat.beat(-7)
     :ok = Heartbeat.shut_down_within(9_000)
-    assert {-7, 9_000} = {Heartbeat.heard_ns(heartbeat), Heartbeat.shutdown_ms(heartbeat)}
+    assert {-7, 9_000} = {Heartbeat.last_ns(heartbeat), Heartbeat.shutdown_ms(heartbeat)}
   end
 
   test "tells the process how long it may be silent" do

@@ -8,6 +8,9 @@ defmodule BB.Component.ServerTest do
   alias BB.Sensor.SensorProfile
   alias BB.Test.Probe
 
+  doctest BB.Component
+  doctest BB.Component.Resolution
+
   setup do
     robot =
       robot do

@@ -14,13 +14,13 @@ defmodule BB.Component.ShutdownLimitTest do
 
   test "a component has its own time, as long as no other was late" do
     assert ShutdownLimit.limit_ms(Robot, 5_000) == 5_000
-    ShutdownLimit.ended(Robot, :noproc)
-    ShutdownLimit.ended(Robot, {:normal, {GenServer, :stop, []}})
+    ShutdownLimit.record(Robot, :noproc)
+    ShutdownLimit.record(Robot, {:normal, {GenServer, :stop, []}})
     assert ShutdownLimit.limit_ms(Robot, 5_000) == 5_000
   end
 
   test "after one that was late each has a second, or what it has said itself" do
-    ShutdownLimit.ended(Robot, {:timeout, {GenServer, :stop, []}})
+    ShutdownLimit.record(Robot, {:timeout, {GenServer, :stop, []}})
     assert ShutdownLimit.limit_ms(Robot, 5_000) == 1_000
     assert ShutdownLimit.limit_ms(Robot, 200) == 200
     assert ShutdownLimit.limit_ms(Robot, 12_000) == 12_000
@@ -28,7 +28,7 @@ defmodule BB.Component.ShutdownLimitTest do
 
   test "without a registry each has its own time" do
     :ok = stop_supervised(BB.Process.registry_name(Robot))
-    ShutdownLimit.ended(Robot, :timeout)
+    ShutdownLimit.record(Robot, :timeout)
     assert ShutdownLimit.limit_ms(Robot, 5_000) == 5_000
   end
 end

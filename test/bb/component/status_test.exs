@@ -1,9 +1,10 @@
 defmodule BB.Component.StatusTest do
   use ExUnit.Case, async: true
 
-  alias BB.Component.{Backoff, Status, Reason}
+  alias BB.Component.{Backoff, Reason, Status}
 
   doctest Reason
+  doctest Status
 
   @second 1_000_000_000
 
@@ -26,10 +27,10 @@ defmodule BB.Component.StatusTest do
 
   test "what is wrong with one that goes on is its last error, and changes nothing else" do
     up = Status.up(new(), 1)
-    assert %{last_error: :file_renewed} = troubled = Status.troubled(up, :file_renewed)
+    assert %{last_error: :file_renewed} = troubled = Status.put_last_error(up, :file_renewed)
     assert %{troubled | last_error: nil} == up
-    refute Status.news?(up, troubled) or Status.alarming?(troubled)
-    assert Status.explain(up, troubled, &"words of #{&1}").error == "words of file_renewed"
+    refute Status.changed?(up, troubled) or Status.alarm?(troubled)
+    assert Status.put_error_text(troubled, up, &"words of #{&1}").error == "words of file_renewed"
   end
 
   test "going down again for another reason keeps the time at which it went down" do
@@ -63,25 +64,25 @@ defmodule BB.Component.StatusTest do
     down = new() |> Status.down(:crash, :a, 0)
     up = Status.up(down, @second)
     assert Status.down(up, :crash, :b, 2 * @second).retry_in_ms == 100
-    stale = Status.silent(up, {:silent, 1}, 2 * @second)
+    stale = Status.stale(up, {:silent, 1}, 2 * @second)
     assert Status.down(stale, :crash, :b, 2 * @second + 1).retry_in_ms == 100
     assert Status.down(up, :crash, :b, 2 * @second - 1).retry_in_ms == 200
   end
 
   test "what is heard ends a silence, but not that of an init" do
-    stale = new() |> Status.up(1) |> Status.silent({:silent, 1}, 2)
-    assert %{state: :up, reason: nil, since_ns: 3} = Status.heard(stale, 3)
-    hanging = Status.silent(new(), {:init_timeout, 1}, 2)
-    assert Status.heard(hanging, 3) == hanging
+    stale = new() |> Status.up(1) |> Status.stale({:silent, 1}, 2)
+    assert %{state: :up, reason: nil, since_ns: 3} = Status.active(stale, 3)
+    hanging = Status.stale(new(), {:init_timeout, 1}, 2)
+    assert Status.active(hanging, 3) == hanging
     up = Status.up(new(), 1)
-    assert Status.heard(up, 2) == up
+    assert Status.active(up, 2) == up
   end
 
   test "news is another state or another reason" do
     down = Status.down(new(), :absent, :a, 1)
-    refute Status.news?(down, Status.down(down, :absent, :a, 2))
-    assert Status.news?(down, Status.down(down, :absent, :b, 2))
-    assert Status.news?(down, Status.up(down, 2))
+    refute Status.changed?(down, Status.down(down, :absent, :a, 2))
+    assert Status.changed?(down, Status.down(down, :absent, :b, 2))
+    assert Status.changed?(down, Status.up(down, 2))
   end
 
   test "only backoff and silence call for an alarm" do
@@ -93,10 +94,10 @@ defmodule BB.Component.StatusTest do
                  new(),
                  up,
                  Status.ignored(new(), 1),
-                 Status.silent(up, {:silent, 1}, 2),
+                 Status.stale(up, {:silent, 1}, 2),
                  Status.down(up, :crash, :x, 2)
                ],
-               &Status.alarming?/1
+               &Status.alarm?/1
              )
   end
 end
