@@ -25,7 +25,8 @@ defmodule BB.Component do
     * `:path` - the component's place: `[name]` on the robot itself, `[link…, name]` on a link,
       `[link…, joint, name]` on a joint
     * `:attached_to` - `nil` (the robot), `{:link, name}` or `{:joint, name}`
-    * `:transmission` - the gears between the component and its joint (`BB.Transmission`), or `nil`
+    * `:transmission` - the gears between the component and its joint (`BB.Transmission`), or
+      `nil`
     * `:required` - whether the robot is useless without the component
     * `:retain` - whether the bus keeps the component's last message for late subscribers
     * `:max_silence_ns` - the longest time between two messages, or `nil` for no limit

@@ -2,9 +2,9 @@ defmodule BB.Component.Activity do
   @moduledoc """
   The time of a component's last activity: a message on its path, or a heartbeat.
 
-  `BB.Component.Keeper` reads it to find a component that is silent. It reads what publishers count
-  anyway (`BB.PubSub.Meter`), so that no message is sent to the keeper and none costs more because
-  its component is watched.
+  `BB.Component.Keeper` reads it to find a component that is silent. It reads what publishers
+  count anyway (`BB.PubSub.Meter`), so that no message is sent to the keeper and none costs more
+  because its component is watched.
   """
   @moduledoc no_example: "internal: `max_silence` in a robot's declaration turns it on"
 

@@ -24,13 +24,13 @@ defmodule BB.Component.Backoff do
   Two causes are counted separately:
 
     * `:absent` - the component reported that it cannot work: `{:stop, reason}` from `init/1` or
-      from a later callback. Its device does not answer, and a retry costs one transfer. The cap is
-      750 ms.
+      from a later callback. Its device does not answer, and a retry costs one transfer. The cap
+      is 750 ms.
     * `:crash` - the component raised, exited or was killed. The cap is four times the duration of
       its `init/1`, so that the retries of a component that starts slowly and crashes take at most
       about a fifth of the time (with the longest delay; a third with the shortest). The cap is at
-      least 750 ms and at most 5 s. The quicker `init/1` of the last two failures counts, so that a
-      machine that stands still for a moment makes no component slow.
+      least 750 ms and at most 5 s. The quicker `init/1` of the last two failures counts, so that
+      a machine that stands still for a moment makes no component slow.
 
   A run is stable when it lasted at least a second, and at least four times the delay before it. A
   stable run resets both counters.
@@ -58,7 +58,9 @@ defmodule BB.Component.Backoff do
           random: (() -> float())
         }
 
-  @doc "Returns a backoff without failures. The option `:random` replaces the random numbers in tests."
+  @doc """
+  Returns a backoff without failures. The option `:random` replaces the random numbers in tests.
+  """
   @spec new(random: (() -> float())) :: t()
   def new(opts \\ []), do: struct!(__MODULE__, opts)
 

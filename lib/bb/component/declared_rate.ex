@@ -4,8 +4,8 @@ defmodule BB.Component.DeclaredRate do
 
   `BB.Component.PublishRate` shows them beside the measured rates.
 
-  Each component's `rate/1` is called once for each set of options, whatever it returns; calls that
-  are due run at the same time. The results are kept in the robot's registry.
+  Each component's `rate/1` is called once for each set of options, whatever it returns; calls
+  that are due run at the same time. The results are kept in the robot's registry.
   """
   @moduledoc no_example: "internal: BB.Sensor.health/1 shows the rates"
 

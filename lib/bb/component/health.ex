@@ -7,8 +7,8 @@ defmodule BB.Component.Health do
       [%{name: :imu, state: :up, restarts: 0}] = BB.Sensor.health(MyRobot)
 
   Each keeper holds its row in the robot's registry, so that a reader waits for no component. A
-  component's module is called for the text of an error once for each error, by its keeper, and for
-  its rate once for each set of options. A call that does not return is not made again.
+  component's module is called for the text of an error once for each error, by its keeper, and
+  for its rate once for each set of options. A call that does not return is not made again.
   """
 
   alias BB.Component
@@ -27,7 +27,8 @@ defmodule BB.Component.Health do
       trouble of a component that ran on (`BB.Sensor.trouble/1`); `nil` when there was none
     * `error` - the last error as text, from the component's module
     * `rate_hz` - messages a second on its path, measured over the last sixteen, falling once the
-      next is overdue; `nil` before the first message, and for a component that publishes elsewhere
+      next is overdue; `nil` before the first message, and for a component that publishes
+      elsewhere
     * `declared_hz` - messages a second as the module declares for its options
       (`c:BB.Sensor.rate/1`), or `nil`
     * `age_ns` - the age of its last message, or `nil` before the first

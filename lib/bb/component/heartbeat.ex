@@ -15,8 +15,8 @@ defmodule BB.Component.Heartbeat do
       {1_000, 250_000_000}
 
   The keeper makes a heartbeat for each process that it starts, and that process adopts it
-  (`adopt/1`). In a process without one, as in a driver's test, `beat/1` and `shut_down_within/1` do
-  nothing.
+  (`adopt/1`). In a process without one, as in a driver's test, `beat/1` and `shut_down_within/1`
+  do nothing.
   """
 
   @last 1

@@ -240,8 +240,8 @@ defmodule BB.Component.Keeper do
 
   defp stop_component(%{server: nil}), do: :ok
 
-  # Before init/1 has returned terminate/2 has nothing to do. A component that has just come up may
-  # hold something that only terminate/2 releases.
+  # Before init/1 has returned terminate/2 has nothing to do. A component that has just come up
+  # may hold something that only terminate/2 releases.
   defp stop_component(%{server: pid, lifecycle: %{phase: :starting}} = keeper) do
     receive do
       {Server, ^pid, :up} -> stop_server(keeper)

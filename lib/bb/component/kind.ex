@@ -121,7 +121,9 @@ defmodule BB.Component.Kind do
 
   defp serving do
     quote do
-      @doc "Handles a call, as in `GenServer`. By default it replies `{:error, :not_implemented}`."
+      @doc """
+      Handles a call, as in `GenServer`. By default it replies `{:error, :not_implemented}`.
+      """
       @callback handle_call(request :: term(), GenServer.from(), state :: term()) ::
                   {:reply, reply :: term(), new_state :: term()}
                   | {:reply, reply :: term(), new_state :: term(), next()}

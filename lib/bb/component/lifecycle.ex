@@ -1,6 +1,7 @@
 defmodule BB.Component.Lifecycle do
   @moduledoc """
-  The state machine of a component: which phase follows which event, and what its keeper does then.
+  The state machine of a component: which phase follows which event, and what its keeper does
+  then.
 
   `BB.Component.Keeper` turns each message into an event, passes it to `transition/3` and carries
   out the actions. The module is pure; times are monotonic nanoseconds.

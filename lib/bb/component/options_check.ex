@@ -2,9 +2,9 @@ defmodule BB.Component.OptionsCheck do
   @moduledoc """
   Checks the options of components by `BB.Component.Resolution`, in bounded time.
 
-  `BB.Component.Server` uses it when a component starts or a parameter changes, and `BB.Supervisor`
-  when a robot starts. The check calls code of others, a module's `options_schema/0` and the
-  functions of its `:custom` types, and so runs by `BB.Callback`.
+  `BB.Component.Server` uses it when a component starts or a parameter changes, and
+  `BB.Supervisor` when a robot starts. The check calls code of others, a module's
+  `options_schema/0` and the functions of its `:custom` types, and so runs by `BB.Callback`.
   """
   @moduledoc no_example: "internal: a component's options are checked when its robot starts"
 
@@ -16,7 +16,8 @@ defmodule BB.Component.OptionsCheck do
   @timeout_ms 2_000
 
   @typedoc """
-  The result of one check. `{:unchecked_options, text}` says that the check itself failed, and why.
+  The result of one check. `{:unchecked_options, text}` says that the check itself failed, and
+  why.
   """
   @type result ::
           {:ok, keyword()} | {:error, ValidationError.t() | {:unchecked_options, String.t()}}

@@ -20,25 +20,25 @@ defmodule BB.Component.Server do
 
   ## Start
 
-  A server with a keeper calls `init/1` of the callback module after `start_link/1` has returned, so
-  that a device that does not answer delays no other process. It then reports to its keeper
+  A server with a keeper calls `init/1` of the callback module after `start_link/1` has returned,
+  so that a device that does not answer delays no other process. It then reports to its keeper
   (`t:report/0`). For a server without a keeper, `start_link/1` returns the result of `init/1`.
 
   ## Parameters
 
-  The server watches the parameters (`BB.Parameter.watch/2`) before it reads their values. It calls
-  `handle_options/2` once for each change that makes another set of options: two parameters that one
-  `BB.Parameter.set_many/2` sets are one change, and a parameter that is set to its current value is
-  none. Options that the schema refuses then, or `{:stop, reason}`, stop the process. The callback
-  module receives no message of this watch. Its own subscriptions, also below `[:param]`, reach its
-  `handle_info/2` as any message does.
+  The server watches the parameters (`BB.Parameter.watch/2`) before it reads their values. It
+  calls `handle_options/2` once for each change that makes another set of options: two parameters
+  that one `BB.Parameter.set_many/2` sets are one change, and a parameter that is set to its
+  current value is none. Options that the schema refuses then, or `{:stop, reason}`, stop the
+  process. The callback module receives no message of this watch. Its own subscriptions, also
+  below `[:param]`, reach its `handle_info/2` as any message does.
 
   ## Exits
 
-  A server with a keeper does not trap exits: it dies with its keeper, even while a callback hangs,
-  and with any process that the callback module has linked to it. The keeper stops it by a system
-  message, which runs `terminate/2`. A server without a keeper traps exits, to the same effect under
-  any supervisor.
+  A server with a keeper does not trap exits: it dies with its keeper, even while a callback
+  hangs, and with any process that the callback module has linked to it. The keeper stops it by a
+  system message, which runs `terminate/2`. A server without a keeper traps exits, to the same
+  effect under any supervisor.
   """
   @moduledoc no_example: "internal: BB.Sensor shows a callback module, BB.Sensor.Server a test"
 
@@ -64,8 +64,9 @@ defmodule BB.Component.Server do
   ]
 
   @typedoc """
-  A report to the keeper: `:up` when `init/1` has succeeded, `{:stopping, reason}` before the server
-  carries out a callback's `{:stop, reason, state}`, and `{:trouble, reason}` from `trouble/1`.
+  A report to the keeper: `:up` when `init/1` has succeeded, `{:stopping, reason}` before the
+  server carries out a callback's `{:stop, reason, state}`, and `{:trouble, reason}` from
+  `trouble/1`.
 
   After an `init/1` that returned `{:stop, reason}` or `:ignore` the server exits with
   `{:shutdown, {BB.Component.Server, {:absent, reason}}}` or

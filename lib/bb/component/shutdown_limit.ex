@@ -5,10 +5,10 @@ defmodule BB.Component.ShutdownLimit do
   `BB.Component.Keeper` asks for the limit when it stops a component, and records a component that
   exceeded it.
 
-  A robot's components stop one after the other, so that each can rely on those declared before it.
-  When their shared bus hangs, many of them hang. The robot's end, and its disarming, must not wait
-  the full time for each: after the first component has exceeded its limit, each of the others has
-  a second.
+  A robot's components stop one after the other, so that each can rely on those declared before
+  it. When their shared bus hangs, many of them hang. The robot's end, and its disarming, must not
+  wait the full time for each: after the first component has exceeded its limit, each of the
+  others has a second.
   """
   @moduledoc no_example: "internal: BB.Sensor.shut_down_within/1 sets the limit of a component"
 

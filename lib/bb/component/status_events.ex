@@ -1,7 +1,7 @@
 defmodule BB.Component.StatusEvents do
   @moduledoc """
-  The events of a change in a component's status: an alarm, a telemetry event, a line in the log and
-  a message on the bus.
+  The events of a change in a component's status: an alarm, a telemetry event, a line in the log
+  and a message on the bus.
 
   `BB.Component.Keeper` calls these functions in its own process.
   """

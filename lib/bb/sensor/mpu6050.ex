@@ -125,7 +125,7 @@ defmodule BB.Sensor.Mpu6050 do
   end
 
   @impl BB.Sensor.Polled
-  def pace(opts) do
+  def poll_rate(opts) do
     if opts[:interrupt], do: DataReady.checks_hz(sample_rate_hz(opts)), else: opts[:rate]
   end
 

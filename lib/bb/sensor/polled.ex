@@ -1,6 +1,10 @@
 defmodule BB.Sensor.Polled do
   @moduledoc """
-  A driver that asks its device at a rate: it opens, measures and publishes, and all else is done for it.
+  The behaviour of a driver whose device is polled at a rate. The driver opens its device,
+  measures and publishes; this module does the rest.
+
+  Use it for a device that has to be asked for each reading. A driver whose device reports by
+  itself implements `BB.Sensor`.
 
       defmodule MyRobot.Thermometer do
         @schema BB.Bus.I2C.Device.options(address: 0x48..0x4F, default: 0x48) ++
@@ -15,12 +19,15 @@ defmodule BB.Sensor.Polled do
 
         @impl BB.Sensor.Polled
         def measure(device, _now_ns) do
-          with {:ok, <<eighths::signed-11, _::5>>} <- Device.read(device, 0, 2), do: {:ok, eighths / 8, device}
+          with {:ok, <<eighths::signed-11, _::5>>} <- Device.read(device, 0, 2),
+               do: {:ok, eighths / 8, device}
         end
 
         @impl BB.Sensor.Polled
-        def publish(celsius, sensor),
-          do: BB.Sensor.publish(sensor.bb, BB.Message.new!(Temperature, sensor.frame_id, celsius: celsius))
+        def publish(celsius, sensor) do
+          message = BB.Message.new!(Temperature, sensor.frame_id, celsius: celsius)
+          BB.Sensor.publish(sensor.bb, message)
+        end
 
         @impl BB.Sensor.Polled
         def close(device), do: Device.close(device)
@@ -29,22 +36,30 @@ defmodule BB.Sensor.Polled do
         def explain(reason), do: Device.explain(reason)
       end
 
-  Such a module is a `BB.Sensor`, whose callbacks for messages, new options and the end are these; it may override them. Its options
-  are those of `options/1` and its own.
+  Such a module is a `BB.Sensor`. This module defines its `init/1`, `handle_options/2`,
+  `handle_info/2`, `terminate/2` and `rate/1`, and the module may override them. Its options are
+  those of `options/1` and its own.
 
-  ## What goes wrong
+  ## Failed readings
 
-  A reading is published when it was made, or not at all. After three failed readings in a row the sensor stops with the last one's reason, and
-  is started again as its robot's supervision says. What answers after a failed reading may be a device that was plugged in anew:
-  `c:check/1` is called before the next one. It is called each half second too, since bits that flip on the wires make readings that look like any other, and
-  show only in what is known. A reason of the kind `:restarted` (`t:BB.Bus.I2C.Device.reason/0`) stops the sensor at once, so
-  that the device is set up again, and so does `{:stop, reason}` from `c:measure/2`.
+  A reading is published when it is made, or not at all. After three failed readings in a row the
+  sensor stops with the reason of the last one, and is restarted by its keeper.
 
-  A device that should have a new reading and has none (`{:none, reason, device}`) is not asked in vain for ever: from the fourth time in a row on it is a failed reading. (A tick that came late has
-  the next one close behind it, with nothing new.)
+  After a failed reading the device that answers may be another one, plugged in meanwhile. So
+  `c:check/1` is called before the next reading. It is also called every half second, since bits
+  that flip on the wires make readings that look like any other; they show only in values that are
+  known.
 
-  What keeps a device from measuring at all belongs into `c:open/1` too: a sensor that opens well and then fails goes up and down for
-  as long as the fault lasts, instead of staying down with one reason.
+  A reason of the kind `:restarted` (`t:BB.Bus.I2C.Device.reason/0`) stops the sensor at once, so
+  that the device is set up again. So does `{:stop, reason}` from `c:measure/2`.
+
+  A device that should have a new reading may have none (`{:none, reason, device}`). From the
+  fourth time in a row on, that counts as a failed reading. Three are allowed because a late tick
+  is followed closely by the next one, for which the device has nothing new.
+
+  Check in `c:open/1` whatever keeps the device from measuring at all. A sensor that opens well
+  and then fails goes up and down as long as the fault lasts, where it should stay down with one
+  reason.
   """
 
   alias BB.Loop
@@ -58,8 +73,9 @@ defmodule BB.Sensor.Polled do
   defstruct [:module, :bb, :frame_id, :device, :loop, :checked_ns, failures: 0, idle: 0]
 
   @typedoc """
-  The sensor's state: `device` is the driver's, `failures` counts those in a row, `idle` how often in a row there was nothing new, `checked_ns` is when
-  it was checked last.
+  The sensor's state: `device` belongs to the driver, `failures` counts the failed readings in a
+  row, `idle` the ticks in a row without a new reading, and `checked_ns` is the time of the last
+  check.
   """
   @type t :: %__MODULE__{
           module: module(),
@@ -72,13 +88,13 @@ defmodule BB.Sensor.Polled do
           idle: non_neg_integer()
         }
 
-  @typedoc "What the driver opened, and all that it wants to remember from one reading to the next."
+  @typedoc "The driver's state: the open device, and whatever the next reading needs."
   @type device :: term()
 
-  @typedoc "Why it does not work, for the driver's `explain/1`."
+  @typedoc "The reason of a failure, which the driver's `explain/1` formats."
   @type reason :: term()
 
-  @typedoc "What `c:measure/2` gives."
+  @typedoc "The result of `c:measure/2`."
   @type result ::
           {:ok, reading :: term(), device()}
           | {:none, device()}
@@ -88,32 +104,59 @@ defmodule BB.Sensor.Polled do
           | {:stop, reason()}
 
   @doc """
-  Opens the device, makes sure that it is the right one and works, and sets it up. It may wait: it runs in the sensor's own process.
-  What it has opened when it fails, it closes.
+  Opens the device, checks that it is the right one and works, and sets it up.
+
+  It runs in the sensor's own process and may wait. When it fails it closes what it has opened.
   """
   @callback open(opts :: keyword()) :: {:ok, device()} | {:error, reason()}
 
   @doc """
-  A reading; `:none` when the device has no new one, with a reason where that must not go on; or why there is none, with the device where that
-  has changed; `{:stop, reason}` for a reason after which it makes no sense to go on. `now_ns` is the time of the robot's clock.
+  Takes a reading. `now_ns` is the time of the robot's clock.
+
+  Returns
+
+    * `{:ok, reading, device}`
+    * `{:none, device}` when the device has no new reading
+    * `{:none, reason, device}` when it should have one; see "Failed readings" above
+    * `{:error, reason}` or `{:error, reason, device}` when the reading failed
+    * `{:stop, reason}` when the sensor cannot continue
   """
   @callback measure(device(), now_ns :: integer()) :: result()
 
   @doc "Publishes a reading."
   @callback publish(reading :: term(), sensor :: t()) :: :ok
 
-  @doc "Gives the device back."
+  @doc "Closes the device."
   @callback close(device()) :: term()
 
-  @doc "Makes sure, after a failed reading and each #{@check_ms} ms, that the device still is as `c:open/1` left it. By default it is taken to be."
+  @doc """
+  Checks that the device still is as `c:open/1` left it.
+
+  It is called after a failed reading and every #{@check_ms} ms. By default it returns `:ok`.
+  """
   @callback check(device()) :: :ok | {:error, reason()}
 
-  @doc "How often to measure, in Hz. By default it is the option `:rate`."
+  @doc """
+  Returns how often to call `c:measure/2`, in Hz. By default it is the option `:rate`.
+
+  It differs from `c:BB.Sensor.rate/1` when a reading is not always published.
+  """
+  @callback poll_rate(opts :: keyword()) :: number()
+
+  @doc "The former name of `c:poll_rate/1`."
+  @doc deprecated: "Use poll_rate/1 instead"
   @callback pace(opts :: keyword()) :: number()
 
+  @optional_callbacks pace: 1
+
   @doc """
-  The options of every such sensor, `:rate` and `:frame_id`, for a driver's schema: `rate:` the slowest and the fastest rate in Hz,
-  `default:` that of who gives none.
+  Returns the options of a polled sensor, `:rate` and `:frame_id`, for a driver's schema.
+
+  `rate:` is the slowest and the fastest rate in Hz, `default:` the rate of a sensor that sets
+  none.
+
+      iex> Keyword.keys(BB.Sensor.Polled.options(rate: {1, 10}, default: 4))
+      [:rate, :frame_id]
   """
   @spec options(rate: {number(), number()}, default: number()) :: keyword()
   def options(rate: {slowest, fastest}, default: default) do
@@ -122,12 +165,13 @@ defmodule BB.Sensor.Polled do
         type: BB.Unit.option(:hertz, slowest, fastest),
         default: default,
         doc:
-          "Readings a second: a number of Hz or a unit of frequency, #{slowest} Hz to #{fastest} Hz."
+          "Readings a second: a number of Hz or a unit of frequency, " <>
+            "#{slowest} Hz to #{fastest} Hz."
       ],
       frame_id: [
         type: {:or, [:atom, nil]},
         default: nil,
-        doc: "The messages' frame; the sensor's name when `nil`."
+        doc: "The frame of the messages; `nil` is the sensor's name."
       ]
     ]
   end
@@ -137,6 +181,7 @@ defmodule BB.Sensor.Polled do
     quote do
       use BB.Sensor, unquote(opts)
       @behaviour BB.Sensor.Polled
+      @before_compile BB.Sensor.Polled
 
       @doc false
       def rate(opts), do: opts[:rate]
@@ -156,11 +201,7 @@ defmodule BB.Sensor.Polled do
       @doc false
       def check(_device), do: :ok
 
-      @doc false
-      def pace(opts), do: opts[:rate]
-
       defoverridable rate: 1,
-                     pace: 1,
                      init: 1,
                      handle_options: 2,
                      handle_info: 2,
@@ -169,7 +210,30 @@ defmodule BB.Sensor.Polled do
     end
   end
 
-  @doc "What `init/1` of such a sensor is."
+  # A driver may still define pace/1, the former name of poll_rate/1.
+  @doc false
+  defmacro __before_compile__(env) do
+    cond do
+      Module.defines?(env.module, {:poll_rate, 1}) ->
+        nil
+
+      Module.defines?(env.module, {:pace, 1}) ->
+        IO.warn("pace/1 is deprecated; rename it to poll_rate/1", Macro.Env.stacktrace(env))
+        poll_rate_code(quote(do: pace(opts)))
+
+      true ->
+        poll_rate_code(quote(do: opts[:rate]))
+    end
+  end
+
+  defp poll_rate_code(rate) do
+    quote do
+      @doc false
+      def poll_rate(opts), do: unquote(rate)
+    end
+  end
+
+  @doc "Opens the device: the `init/1` of a polled sensor."
   @spec init(module(), keyword()) :: {:ok, t()} | {:stop, reason()}
   def init(module, opts) do
     case module.open(opts) do
@@ -178,14 +242,16 @@ defmodule BB.Sensor.Polled do
     end
   end
 
-  @doc "What its `handle_options/2` is: the device is closed, and opened with the new options."
+  @doc """
+  Closes the device and opens it with new options: the `handle_options/2` of a polled sensor.
+  """
   @spec handle_options(keyword(), t()) :: {:ok, t()} | {:stop, reason()}
   def handle_options(opts, sensor) do
     stop(sensor)
     init(sensor.module, opts)
   end
 
-  @doc "What its `handle_info/2` is: a reading at each tick."
+  @doc "Takes a reading at each tick: the `handle_info/2` of a polled sensor."
   @spec handle_info(term(), t()) :: {:noreply, t()} | {:stop, {:shutdown, reason()}, t()}
   def handle_info(:tick, sensor) do
     {_dt, _skipped, loop} = Loop.tick(sensor.loop)
@@ -196,17 +262,22 @@ defmodule BB.Sensor.Polled do
   def handle_info(_late, sensor), do: {:noreply, sensor}
 
   @doc """
-  What follows from what `c:measure/2` gave, for a driver that also measures when its device tells it to: a return value for `handle_info/2`.
+  Handles a result of `c:measure/2`, and returns the return value of `handle_info/2`.
+
+  For a driver that also measures when its device interrupts.
   """
   @spec outcome(result(), t()) :: {:noreply, t()} | {:stop, {:shutdown, reason()}, t()}
-  def outcome({:ok, reading, device}, sensor), do: measured(reading, succeeded(sensor, device))
-  def outcome({:none, device}, sensor), do: {:noreply, succeeded(sensor, device)}
-  def outcome({:none, reason, device}, sensor), do: idle(reason, %{sensor | device: device})
-  def outcome({:error, reason}, sensor), do: failed(reason, sensor)
-  def outcome({:error, reason, device}, sensor), do: failed(reason, %{sensor | device: device})
+  def outcome({:ok, reading, device}, sensor), do: publish(reading, reset(sensor, device))
+  def outcome({:none, device}, sensor), do: {:noreply, reset(sensor, device)}
+  def outcome({:none, reason, device}, sensor), do: count_idle(reason, %{sensor | device: device})
+  def outcome({:error, reason}, sensor), do: count_failure(reason, sensor)
+
+  def outcome({:error, reason, device}, sensor),
+    do: count_failure(reason, %{sensor | device: device})
+
   def outcome({:stop, reason}, sensor), do: {:stop, {:shutdown, reason}, sensor}
 
-  @doc "What its `terminate/2` does: no tick comes any more, and the device is given back."
+  @doc "Stops the ticks and closes the device: the `terminate/2` of a polled sensor."
   @spec stop(t()) :: term()
   def stop(sensor) do
     _ = Loop.cancel(sensor.loop)
@@ -221,38 +292,38 @@ defmodule BB.Sensor.Polled do
       bb: bb,
       frame_id: opts[:frame_id] || List.last(bb.path),
       device: device,
-      loop: bb |> Loop.new(clock: {:rate, module.pace(opts)}) |> Loop.arm()
+      loop: bb |> Loop.new(clock: {:rate, module.poll_rate(opts)}) |> Loop.arm()
     }
   end
 
   defp measure(sensor) do
     if check_due?(sensor),
-      do: {check_and_ask(sensor), %{sensor | checked_ns: sensor.loop.last_ns}},
-      else: {ask(sensor), sensor}
+      do: {check_and_measure(sensor), %{sensor | checked_ns: sensor.loop.last_ns}},
+      else: {take_reading(sensor), sensor}
   end
 
   defp check_due?(%{checked_ns: nil}), do: true
   defp check_due?(%{failures: failures}) when failures > 0, do: true
   defp check_due?(sensor), do: sensor.loop.last_ns - sensor.checked_ns >= @check_ns
 
-  defp check_and_ask(sensor),
-    do: with(:ok <- sensor.module.check(sensor.device), do: ask(sensor))
+  defp check_and_measure(sensor),
+    do: with(:ok <- sensor.module.check(sensor.device), do: take_reading(sensor))
 
-  defp ask(sensor), do: sensor.module.measure(sensor.device, sensor.loop.last_ns)
+  defp take_reading(sensor), do: sensor.module.measure(sensor.device, sensor.loop.last_ns)
 
-  defp measured(reading, sensor) do
+  defp publish(reading, sensor) do
     sensor.module.publish(reading, sensor)
     {:noreply, sensor}
   end
 
-  defp succeeded(sensor, device), do: %{sensor | device: device, failures: 0, idle: 0}
+  defp reset(sensor, device), do: %{sensor | device: device, failures: 0, idle: 0}
 
-  defp idle(_reason, %{idle: idle} = sensor) when idle < @most_idle,
+  defp count_idle(_reason, %{idle: idle} = sensor) when idle < @most_idle,
     do: {:noreply, %{sensor | idle: idle + 1, failures: 0}}
 
-  defp idle(reason, sensor), do: failed(reason, sensor)
+  defp count_idle(reason, sensor), do: count_failure(reason, sensor)
 
-  defp failed(reason, sensor) do
+  defp count_failure(reason, sensor) do
     if sensor.failures + 1 >= @most_failures or restarted?(reason),
       do: {:stop, {:shutdown, reason}, sensor},
       else: {:noreply, %{sensor | failures: sensor.failures + 1}}

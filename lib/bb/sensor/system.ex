@@ -46,7 +46,7 @@ defmodule BB.Sensor.System do
 
   alias BB.Message
   alias BB.Message.System.Status
-  alias BB.Sensor.System.Report
+  alias BB.Sensor.System.Parser
 
   @thermal "sys/class/thermal"
   # The name of the soc has its address on newer boards.
@@ -91,9 +91,9 @@ defmodule BB.Sensor.System do
     with {:ok, thermal} <- thermal(root, opts[:thermal_zone]) do
       files =
         [
-          {Path.join(root, "proc/meminfo"), &Report.memory/1},
-          {Path.join(root, "proc/loadavg"), &Report.load/1},
-          {Path.join(root, "sys/devices/system/cpu/online"), &Report.processors/1}
+          {Path.join(root, "proc/meminfo"), &Parser.memory/1},
+          {Path.join(root, "proc/loadavg"), &Parser.load/1},
+          {Path.join(root, "sys/devices/system/cpu/online"), &Parser.processors/1}
         ] ++ thermal ++ throttling(root)
 
       # What cannot be read at all is the start's fault.
@@ -103,7 +103,7 @@ defmodule BB.Sensor.System do
 
   defp throttling(root) do
     for path <- root |> Path.join(@throttling) |> Path.wildcard() |> Enum.take(1),
-        do: {path, &Report.throttling/1}
+        do: {path, &Parser.throttling/1}
   end
 
   # Zones are read in their order: 2 before 10.
@@ -113,7 +113,7 @@ defmodule BB.Sensor.System do
       |> Path.join()
       |> Path.wildcard()
       |> Enum.sort_by(&{byte_size(&1), &1})
-      |> Enum.map(fn zone -> {type(zone), [{Path.join(zone, "temp"), &Report.temperature/1}]} end)
+      |> Enum.map(fn zone -> {type(zone), [{Path.join(zone, "temp"), &Parser.temperature/1}]} end)
 
     choose(zones, wanted)
   end

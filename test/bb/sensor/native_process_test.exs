@@ -12,7 +12,9 @@ defmodule BB.Sensor.NativeProcessTest do
   alias BB.Sensor.NativeProcess.Program
 
   doctest BB.Sensor.NativeProcess
+  doctest BB.Sensor.NativeProcess.Guard
   doctest BB.Sensor.NativeProcess.Program
+  doctest BB.Sensor.NativeProcess.Topics
 
   # A robot whose one sensor is a shell script; `marker` tells its processes from others'.
   defp shell_robot(script, opts \\ []) do
@@ -213,13 +215,13 @@ defmodule BB.Sensor.NativeProcessTest do
       File.mkdir_p!(Path.join(folder, "a_folder"))
 
       for {program, words} <- [
-            {path, "#{path} is there and may not be run: make it executable (chmod +x)"},
-            {{app, "detector"}, "#{path} is there and may not be run"},
-            {{app, "detektor"}, "no program detektor in the priv/bin of #{inspect(app)}"},
-            {{app, "a_folder"}, "no program a_folder in the priv/bin"},
-            {{:rovr, "detector"}, "there is no application :rovr here: correct its name"},
-            {"/nowhere/detector", "no program /nowhere/detector: correct its path"},
-            {{__MODULE__, :detector, [42]}, "gave 42, expected a name, a path"},
+            {path, "#{path} is not executable: run chmod +x #{path}"},
+            {{app, "detector"}, "#{path} is not executable"},
+            {{app, "detektor"}, "program detektor is not in the priv/bin of #{inspect(app)}"},
+            {{app, "a_folder"}, "program a_folder is not in the priv/bin"},
+            {{:rovr, "detector"}, "application :rovr is unknown: correct its name"},
+            {"/nowhere/detector", "program /nowhere/detector does not exist: correct its path"},
+            {{__MODULE__, :detector, [42]}, "returned 42, expected a name, a path"},
             {{__MODULE__, :failing, []}, "no detector today"}
           ] do
         assert refused(program) =~ words

@@ -6,6 +6,8 @@ defmodule BB.Sensor.PolledTest do
   alias BB.Sensor.Polled
   alias BB.Test.Bench
 
+  doctest Polled
+
   # Its device answers as it is told, one answer a reading, and remembers what was asked of it.
   defmodule Told do
     use Polled,
@@ -168,5 +170,33 @@ defmodule BB.Sensor.PolledTest do
     assert sensor.loop.period_ns == 500_000_000
     Told.terminate(:normal, sensor)
     assert log(device) == [:closed, :closed]
+  end
+
+  test "a driver that still defines pace/1 is polled at that rate, with a warning" do
+    driver = """
+    defmodule BB.Sensor.PolledTest.Paced do
+      use BB.Sensor.Polled, options_schema: BB.Sensor.Polled.options(rate: {1, 9}, default: 2)
+
+      @impl BB.Sensor.Polled
+      def pace(opts), do: 10 * opts[:rate]
+
+      @impl BB.Sensor.Polled
+      def open(_opts), do: {:ok, nil}
+
+      @impl BB.Sensor.Polled
+      def measure(device, _now_ns), do: {:none, device}
+
+      @impl BB.Sensor.Polled
+      def publish(_reading, _sensor), do: :ok
+
+      @impl BB.Sensor.Polled
+      def close(_device), do: :ok
+    end
+    """
+
+    warning = ExUnit.CaptureIO.capture_io(:stderr, fn -> Code.compile_string(driver) end)
+    assert warning =~ "pace/1 is deprecated; rename it to poll_rate/1"
+    paced = Module.concat(__MODULE__, Paced)
+    assert {paced.poll_rate(rate: 2), Told.poll_rate(rate: 2)} == {20, 2}
   end
 end

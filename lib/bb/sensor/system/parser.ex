@@ -1,19 +1,24 @@
-defmodule BB.Sensor.System.Report do
+defmodule BB.Sensor.System.Parser do
   @moduledoc """
-  What the kernel's files say, as text and as terms. Pure.
+  Parses the kernel's files that `BB.Sensor.System` reads.
 
-  A text that is not as it should be is `:error`.
+  Each function returns the fields of a `BB.Message.System.Status`, or `:error` for a text of
+  another format. The module is pure.
+
+      iex> BB.Sensor.System.Parser.temperature("48312\\n")
+      {:ok, %{temperature: 48.312}}
   """
 
-  # Bits of the Raspberry Pi's firmware, as `vcgencmd get_throttled` shows them: now, and 16 bits higher what was before.
+  # Bits of the Raspberry Pi's firmware, as `vcgencmd get_throttled` shows them: the causes now,
+  # and 16 bits higher the causes since the start.
   @causes [:under_voltage, :frequency_capped, :throttled, :soft_temperature_limit]
 
   @doc """
-  A thermal zone's `temp`: thousandths of a degree.
+  Parses a thermal zone's `temp`: thousandths of a degree.
 
-      iex> BB.Sensor.System.Report.temperature("48312\\n")
+      iex> BB.Sensor.System.Parser.temperature("48312\\n")
       {:ok, %{temperature: 48.312}}
-      iex> BB.Sensor.System.Report.temperature("")
+      iex> BB.Sensor.System.Parser.temperature("")
       :error
   """
   @spec temperature(String.t()) :: {:ok, %{temperature: float()}} | :error
@@ -24,11 +29,16 @@ defmodule BB.Sensor.System.Report do
   end
 
   @doc """
-  `get_throttled` of the Raspberry Pi: a hexadecimal number, whose bits 0 to 3 are causes now and whose bits 16 to 19 were.
+  Parses `get_throttled` of the Raspberry Pi: a hexadecimal number. Its bits 0 to 3 are the causes
+  now, its bits 16 to 19 those since the start.
 
-      iex> BB.Sensor.System.Report.throttling("50005\\n")
-      {:ok, %{throttling: [:under_voltage, :throttled], throttled_before: [:under_voltage, :throttled]}}
-      iex> BB.Sensor.System.Report.throttling("80000\\n")
+      iex> BB.Sensor.System.Parser.throttling("50005\\n")
+      {:ok,
+       %{
+         throttling: [:under_voltage, :throttled],
+         throttled_before: [:under_voltage, :throttled]
+       }}
+      iex> BB.Sensor.System.Parser.throttling("80000\\n")
       {:ok, %{throttling: [], throttled_before: [:soft_temperature_limit]}}
   """
   @spec throttling(String.t()) ::
@@ -46,9 +56,10 @@ defmodule BB.Sensor.System.Report do
   end
 
   @doc """
-  `/proc/meminfo`: MemTotal and MemAvailable, in bytes.
+  Parses `/proc/meminfo`: MemTotal and MemAvailable, in bytes.
 
-      iex> BB.Sensor.System.Report.memory("MemTotal:        3884360 kB\\nMemFree: 1 kB\\nMemAvailable:    3500000 kB\\n")
+      iex> text = "MemTotal: 3884360 kB\\nMemFree: 1 kB\\nMemAvailable: 3500000 kB\\n"
+      iex> BB.Sensor.System.Parser.memory(text)
       {:ok, %{memory_total: 3_977_584_640, memory_available: 3_584_000_000}}
   """
   @spec memory(String.t()) ::
@@ -67,9 +78,9 @@ defmodule BB.Sensor.System.Report do
   end
 
   @doc """
-  `/proc/loadavg`: the first three numbers.
+  Parses `/proc/loadavg`: its first three numbers.
 
-      iex> BB.Sensor.System.Report.load("0.52 0.58 0.59 1/389 14321\\n")
+      iex> BB.Sensor.System.Parser.load("0.52 0.58 0.59 1/389 14321\\n")
       {:ok, %{load_1_min: 0.52, load_5_min: 0.58, load_15_min: 0.59}}
   """
   @spec load(String.t()) ::
@@ -82,11 +93,11 @@ defmodule BB.Sensor.System.Report do
   end
 
   @doc """
-  `/sys/devices/system/cpu/online`: how many there are in its ranges.
+  Parses `/sys/devices/system/cpu/online`: the number of processors in its ranges.
 
-      iex> BB.Sensor.System.Report.processors("0-3\\n")
+      iex> BB.Sensor.System.Parser.processors("0-3\\n")
       {:ok, %{processors: 4}}
-      iex> BB.Sensor.System.Report.processors("0,2-3\\n")
+      iex> BB.Sensor.System.Parser.processors("0,2-3\\n")
       {:ok, %{processors: 3}}
   """
   @spec processors(String.t()) :: {:ok, %{processors: pos_integer()}} | :error
