@@ -1,7 +1,10 @@
 defmodule BB.Sensor.Conformance do
   @moduledoc """
-  The tests that every driver passes, in one line of its own test. A driver of yours can use them too: write a model of its chip
-  (`BB.Bus.Sim.Device`, or `BB.Bus.Sim.GPIO.Device` for what hangs on lines) and name both.
+  The conformance tests that every driver passes. `use BB.Sensor.Conformance` adds them to a test
+  module.
+
+  Use it for a driver of yours: write a model of its chip (`BB.Bus.Sim.Device`, or
+  `BB.Bus.Sim.GPIO.Device` for a device on GPIO lines) and name both.
 
       defmodule MyRobot.ThermometerTest do
         use BB.Sensor.Conformance,
@@ -17,51 +20,74 @@ defmodule BB.Sensor.Conformance do
           driver: {MyRobot.Bumper, &[line: {&1.chip, 17}]},
           device: {BB.Bus.Sim.Contact, pins: [contact: 17]},
           unseen: [:unplug, :cut, :short, :storm],
-          event: &BB.Bus.Sim.Lines.tell(&1.chip, &1.device, if(rem(&2, 2) == 1, do: :press, else: :release))
+          event: &MyRobot.BumperTest.press_or_release/2
+
+        def press_or_release(place, n) do
+          event = if rem(n, 2) == 1, do: :press, else: :release
+          BB.Bus.Sim.Lines.tell(place.chip, place.device, event)
+        end
       end
 
-  It makes the module an asynchronous `ExUnit.Case`; further tests may stand in it. Each test has a robot, whose only sensor is the driver, and a simulated bus of its
-  own. What is real is all but the chip: keeper, restarts, health, pubsub.
+  The module becomes an asynchronous `ExUnit.Case`, and may hold further tests. Each test has a
+  robot, whose only sensor is the driver, and a simulated bus of its own. Only the chip is
+  simulated; keeper, restarts, health and pubsub are real.
 
-  ## What is tested
+  ## Tests
 
-  | the driver | how |
+  | the driver | how it is tested |
   |---|---|
-  | identifies its chip and refuses another | with `other_device` in its place it is down, says so in words, and publishes nothing; with its own it is up |
-  | starts without its device | it is down and says so in words, and up when the device is there; on GPIO it is another program that has its lines |
-  | reports each fault once, and clears it | one status and one alarm for as long as the fault lasts, however often it is tried; one status, and no alarm, when it is over |
-  | never publishes an old reading as new | not a message between a fault's beginning (on a line, which has a level all the same: its report) and its end; the first one after that was measured after it |
-  | survives unplug and replug | the same for pulled wires: it is up again, and publishes |
-  | honours `handle_options` | parameters change to `new_options`: the same process goes on, at its new rate |
-  | keeps its rate | in a minute of stepped time (`BB.Clock.Stepped`) it publishes as often as its `rate/1` declares, to one in a thousand |
-  | releases its bus | when the robot has stopped, and when its process was killed: it opens it again |
-  | stops in time | with the bus stuck it ends by itself, before its keeper kills it |
+  | identifies its chip and refuses another | with `other_device` in the chip's place the driver is down, explains why, and publishes nothing; with its own chip it is up |
+  | starts without its device | the driver is down and explains why, and is up when the device is present; on GPIO another program has its lines |
+  | reports each fault once, and clears it | one status and one alarm while the fault lasts, however often the driver is restarted; one status, and no alarm, when it is over |
+  | never publishes an old reading as new | no message between the beginning of a fault (of a line, which always has a level: its report) and its end; the first message after it was measured after it |
+  | survives unplug and replug | the same for pulled wires: the driver is up again, and publishes |
+  | honours `handle_options` | parameters change to `new_options`: the same process continues, at its new rate |
+  | keeps its rate | in a minute of stepped time (`BB.Clock.Stepped`) the driver publishes as often as its `rate/1` declares, to one in a thousand |
+  | releases its bus | after the robot has stopped, the bus is closed; after the driver's process was killed, it is opened again |
+  | stops in time | while the bus is stuck the driver stops by itself, before its keeper kills it |
 
-  A failure is a sentence that says what was seen.
+  A failure raises `BB.Sensor.Conformance.Failure` with a sentence that says what was observed.
 
   ## Options
 
-    * `:driver` - `{module, options}`: the options without those that say where the chip is, which are added: `bus:` and `address:`. Options that
-      cannot be written down stand in `{module, fun}`, where `fun` gets the place, `%{bus: name, address: address}` or `%{chip: name, device: name}`, and returns all of them.
-    * `:device` - `{model, options}`: its chip, a `BB.Bus.Sim.Device`, or a `BB.Bus.Sim.GPIO.Device` with its `:pins`
-    * `:address` - where it is; that of the driver's option `:address`, or its default, when not given
-    * `:other_device` - `{model, options}`: one that the driver is to refuse. Without it nothing is refused, which is right only for chips that have no identity
-    * `:new_options` - options to change while it runs, each a number, a boolean, a string or an atom
-    * `:faults` - which it is tried with, of those below; all when not given
-    * `:unseen` - those of them that nobody could notice on its wires: it is only to survive them
-    * `:event` - for a driver that publishes when something happens, and so declares no rate: `fun.(place, n)` makes it happen for the `n`th time, one
-      message each
-    * `:wires` - a `BB.Sensor.Conformance.Wires` of your own, for what hangs neither on I2C nor on lines; `:device` is then what that takes
-    * `:patience_ms` - how long to wait for what must come; default 30 s. The
-      driver counts as silent after a third of it
+    * `:driver` - `{module, options}`: the options without the place of the chip, `bus:` and
+      `address:`, which are added. Options that depend on the place are `{module, fun}`, where
+      `fun` takes the place, `%{bus: name, address: address}` or `%{chip: name, device: name}`,
+      and returns all options.
+    * `:device` - `{model, options}`: the chip, a `BB.Bus.Sim.Device`, or a
+      `BB.Bus.Sim.GPIO.Device` with its `:pins`
+    * `:address` - the chip's address; by default the driver's option `:address`, or its default
+    * `:other_device` - `{model, options}`: a device that the driver has to refuse. Leave it out
+      only for a chip without an identity
+    * `:new_options` - options to change while the driver runs, each a number, a boolean, a string
+      or an atom
+    * `:faults` - the faults to test, out of those below; by default all
+    * `:unseen` - the faults that no driver could detect on its wires, and only has to survive
+    * `:event` - for a driver that publishes events and declares no rate: `fun.(place, n)`
+      triggers the `n`th event, which is published as one message
+    * `:wires` - a `BB.Sensor.Conformance.Wires` of your own, for a device neither on I2C nor on
+      GPIO lines; `:device` is then whatever these wires take
+    * `:patience_ms` - how long to wait for an expected event; by default 30 s. The driver is
+      stale after a third of it
 
-  Faults on I2C: `:unplug`, `:nak` (the chip does not acknowledge), `:timeout` (it holds the bus each time), `:stuck` (a wire of the bus is held low).
-  On GPIO: `:unplug`, and of each of its lines `:cut`, `:short` (to ground) and `:storm` (noise of 1777 edges a second).
+  The faults on I2C are `:unplug`, `:nak` (the chip does not acknowledge), `:timeout` (the chip
+  holds the bus each time) and `:stuck` (a wire of the bus is held low). The faults on GPIO are
+  `:unplug`, and for each of the lines `:cut`, `:short` (to ground) and `:storm` (noise of 1777
+  edges a second).
   """
 
-  alias BB.Sensor.Conformance.{Checks, Setting}
+  alias BB.Sensor.Conformance.{Checks, Rig, Setting}
 
-  # A name, the check, and the option without which it makes no sense.
+  defmodule Failure do
+    @moduledoc """
+    The exception of a conformance test that a driver fails. Its message says what was observed.
+    """
+    @moduledoc no_example: "an exception: BB.Sensor.Conformance.run/2 raises it"
+
+    defexception [:message]
+  end
+
+  # The name of a test, its check, and the option that it needs.
   @checks [
     {"it identifies its chip and refuses another", :identity, :other_device},
     {"it starts without its device, says so, and is up when that is there", :absence, nil},
@@ -96,7 +122,11 @@ defmodule BB.Sensor.Conformance do
     end
   end
 
-  @doc "Runs a check, which raises `BB.Sensor.Conformance.Failure` where the driver fails it."
+  @doc "Runs a check. Raises `BB.Sensor.Conformance.Failure` when the driver fails it."
   @spec run(atom(), Setting.t()) :: :ok
-  def run(check, setting), do: apply(Checks, check, [setting])
+  def run(check, setting) do
+    apply(Checks, check, [setting])
+  catch
+    {Rig, :failed, sentence} -> reraise Failure, [message: sentence], __STACKTRACE__
+  end
 end

@@ -1,238 +1,250 @@
 defmodule BB.Sensor.Conformance.Checks do
   @moduledoc """
-  What every driver does, each as a function that raises `BB.Sensor.Conformance.Failure` when one does not.
-  """
+  The checks of a conformance test, one function for each.
 
-  alias BB.Sensor.Conformance.{Bench, Failure, Setting}
+  `BB.Sensor.Conformance.run/2` calls them. A check fails by `BB.Sensor.Conformance.Rig.fail!/1`.
+  """
+  @moduledoc no_example: "internal: `use BB.Sensor.Conformance` runs the checks"
+
+  alias BB.Sensor.Conformance.{Rig, Setting}
 
   @second_ns 1_000_000_000
   @minute_s 60
   @tolerance 0.001
   @events 60
 
-  @doc "With another device in its chip's place it is down, and says why; with its own it is up."
+  @doc "Checks that the driver refuses another device, says why, and is up with its own."
   @spec identity(Setting.t()) :: :ok
   def identity(setting) do
-    Bench.on(setting, [device: setting.other_device], fn bench ->
-      comes_up(bench, "another chip", fn ->
-        :ok = setting.wires.exchange(bench.place, setting.device)
+    Rig.run(setting, [device: setting.other_device], fn rig ->
+      check_recovery(rig, "another chip", fn ->
+        :ok = setting.wires.exchange(rig.place, setting.device)
       end)
     end)
   end
 
-  @doc "Without its device, or its bus, from the start on it is down, and says why; it is up when that is there."
+  @doc "Checks that the driver is down without its device or bus, says why, and is up with it."
   @spec absence(Setting.t()) :: :ok
   def absence(setting) do
     absence = setting.wires.absence()
 
-    Bench.on(setting, [broken: absence], fn bench ->
-      comes_up(bench, "an absent device", fn -> Bench.mend(bench, absence) end)
+    Rig.run(setting, [broken: absence], fn rig ->
+      check_recovery(rig, "an absent device", fn -> Rig.repair(rig, absence) end)
     end)
   end
 
-  defp comes_up(bench, trouble, end_it) do
-    row = Bench.await_down(bench, "refuses to work with #{trouble}")
-    explained!(bench, row, trouble)
-    tried_again(bench, row)
-    none!(Bench.messages(bench), "with #{trouble} it published")
-    _ = end_it.()
-    _ = Bench.await_up(bench)
-    _ = Bench.await_message(bench)
+  defp check_recovery(rig, trouble, remedy) do
+    row = Rig.await_down(rig, "refuses to work with #{trouble}")
+    explained!(rig, row, trouble)
+    await_retry(rig, row)
+    none!(Rig.messages(rig), "with #{trouble} it published")
+    _ = remedy.()
+    _ = Rig.await_up(rig)
+    _ = Rig.await_message(rig)
     :ok
   end
 
-  @doc "Each fault is one status, one alarm and no message for as long as it lasts; then it is up and publishes anew."
+  @doc """
+  Checks that each fault causes one status, one alarm and no message while it lasts, and that the
+  driver then is up and publishes new readings.
+  """
   @spec faults(Setting.t()) :: :ok
   def faults(setting) do
-    Bench.on(setting, fn bench ->
+    Rig.run(setting, fn rig ->
       for fault <- setting.faults do
-        _ = Bench.await_up(bench)
-        message = Bench.await_message(bench)
-        check = if fault in setting.unseen, do: &survive/3, else: &report/3
-        check.(bench, fault, message)
+        _ = Rig.await_up(rig)
+        message = Rig.await_message(rig)
+
+        check = if fault in setting.unseen, do: &check_survival/3, else: &check_fault/3
+        check.(rig, fault, message)
       end
 
       :ok
     end)
   end
 
-  defp survive(bench, fault, message) do
-    pid = Bench.pid!(bench)
-    _ = Bench.break(bench, fault, message)
-    _ = Bench.mend(bench, fault)
-    _ = Bench.messages(bench)
-    _ = Bench.await_message(bench)
-    kept!(Bench.row(bench).pid == pid, "#{fault}, which it cannot see, ended its process")
+  defp check_survival(rig, fault, message) do
+    pid = Rig.pid!(rig)
+    _ = Rig.break(rig, fault, message)
+    _ = Rig.repair(rig, fault)
+    _ = Rig.messages(rig)
+    _ = Rig.await_message(rig)
+    check!(Rig.row(rig).pid == pid, "#{fault}, which it cannot see, ended its process")
   end
 
-  defp report(bench, fault, message) do
-    before = Bench.break(bench, fault, message)
-    row = Bench.await_down(bench, "reports #{fault}")
-    # What a line shows is what is there, until it turns out to be a fault.
-    _ = if fault in bench.setting.wires.deceptive(), do: Bench.messages(bench)
-    explained!(bench, row, fault)
-    tried_again(bench, row)
-    one!(Bench.await_statuses(bench, "reports #{fault}"), "reports of #{fault}")
-    one!(Bench.await_alarms(bench, "has one alarm of #{fault}", 1), "alarms of #{fault}")
-    during = Enum.reject(Bench.messages(bench), &(&1.monotonic_time in before))
+  defp check_fault(rig, fault, message) do
+    before = Rig.break(rig, fault, message)
+    row = Rig.await_down(rig, "reports #{fault}")
+    # A reading of a line counts until the level turns out to be a fault.
+    _ = if fault in rig.setting.wires.deceptive(), do: Rig.messages(rig)
+    explained!(rig, row, fault)
+    await_retry(rig, row)
+    one!(Rig.await_statuses(rig, "reports #{fault}"), "reports of #{fault}")
+    one!(Rig.await_alarms(rig, "has one alarm of #{fault}", 1), "alarms of #{fault}")
+    during = Enum.reject(Rig.messages(rig), &(&1.monotonic_time in before))
     none!(during, "while there was #{fault} it published")
 
-    mended_ns = Bench.mend(bench, fault)
-    _ = Bench.await_up(bench)
-    message = Bench.await_message(bench)
+    repaired_ns = Rig.repair(rig, fault)
+    _ = Rig.await_up(rig)
+    message = Rig.await_message(rig)
 
-    kept!(
-      message.monotonic_time >= mended_ns,
+    check!(
+      message.monotonic_time >= repaired_ns,
       "its first message after #{fault} was measured before that was over: #{inspect(message)}"
     )
 
-    states = for status <- Bench.await_statuses(bench, "reports that it is up"), do: status.state
+    states = for status <- Rig.await_statuses(rig, "reports that it is up"), do: status.state
 
-    kept!(
+    check!(
       states == [:up],
       "after #{fault} it was expected to be up, once, and was: #{inspect(states)}"
     )
 
-    none!(Bench.await_alarms(bench, "has no alarm after #{fault}", 0), "alarms")
+    none!(Rig.await_alarms(rig, "has no alarm after #{fault}", 0), "alarms")
   end
 
-  # One that is down is tried again; what is silent is left alone.
-  defp tried_again(bench, %{state: :backoff, restarts: restarts}),
+  # A driver that is down is restarted. A silent one is not.
+  defp await_retry(rig, %{state: :backoff, restarts: restarts}),
     do:
-      Bench.await(
-        bench,
+      Rig.await(
+        rig,
         "is tried again",
         &(&1.restarts >= restarts + 2 and &1.state == :backoff)
       )
 
-  defp tried_again(_bench, row), do: row
+  defp await_retry(_rig, row), do: row
 
-  @doc "With new options its process goes on, and its rate is the one that it declares for them."
+  @doc "Checks that new options keep the process, and that its rate is the one declared for them."
   @spec options(Setting.t()) :: :ok
   def options(setting) do
-    Bench.on(setting, [stepped?: true], fn bench ->
-      _ = Bench.await_up(bench)
-      _ = Bench.await_message(bench)
-      pid = Bench.pid!(bench)
-      Bench.change(bench, setting.new_options)
-      row = Bench.await_up(bench)
-      kept!(row.pid == pid, "new options ended its process: #{row.error}")
-      kept!(length(Bench.statuses(bench)) <= 1, "new options took it down: #{row.error}")
-      pace(bench, 10)
+    Rig.run(setting, [stepped?: true], fn rig ->
+      _ = Rig.await_up(rig)
+      _ = Rig.await_message(rig)
+      pid = Rig.pid!(rig)
+      Rig.change_options(rig, setting.new_options)
+      row = Rig.await_up(rig)
+      check!(row.pid == pid, "new options ended its process: #{row.error}")
+      check!(length(Rig.statuses(rig)) <= 1, "new options took it down: #{row.error}")
+      check_rate(rig, 10)
     end)
   end
 
-  @doc "In a minute it publishes as often as it declares, or once for each event."
+  @doc """
+  Checks that in a minute the driver publishes at its declared rate, or once for each event.
+  """
   @spec rate(Setting.t()) :: :ok
   def rate(setting) do
-    Bench.on(setting, [stepped?: true], fn bench ->
-      _ = Bench.await_up(bench)
-      _ = Bench.await_message(bench)
-      pace(bench, @minute_s)
+    Rig.run(setting, [stepped?: true], fn rig ->
+      _ = Rig.await_up(rig)
+      _ = Rig.await_message(rig)
+      check_rate(rig, @minute_s)
     end)
   end
 
-  defp pace(bench, seconds) do
-    case Bench.row(bench).declared_hz do
-      nil -> answer_events(bench, seconds)
-      declared_hz -> keep_rate(bench, declared_hz, seconds)
+  defp check_rate(rig, seconds) do
+    case Rig.row(rig).declared_hz do
+      nil -> check_events(rig, seconds)
+      declared_hz -> check_declared_rate(rig, declared_hz, seconds)
     end
   end
 
-  defp keep_rate(bench, declared_hz, seconds) do
-    before = Bench.published(bench)
-    Bench.pass(bench, seconds * @second_ns)
-    count = Bench.published(bench) - before
+  defp check_declared_rate(rig, declared_hz, seconds) do
+    before = Rig.published(rig)
+    Rig.pass(rig, seconds * @second_ns)
+    count = Rig.published(rig) - before
     expected = declared_hz * seconds
 
-    kept!(
+    check!(
       abs(count - expected) <= max(expected * @tolerance, 1),
       "it declares #{declared_hz} Hz and published #{count} messages in #{seconds} s"
     )
   end
 
-  defp answer_events(bench, seconds) do
-    kept!(
-      bench.setting.event != nil,
-      "it declares no rate: write rate/1, or give event: for a driver that waits for something to happen"
+  defp check_events(rig, seconds) do
+    check!(
+      rig.setting.event != nil,
+      "it declares no rate: define rate/1, or set `event:` for a driver that publishes events"
     )
 
-    before = Bench.published(bench)
+    before = Rig.published(rig)
 
     for _ <- 1..@events do
-      Bench.happen(bench)
-      Bench.pass(bench, div(seconds * @second_ns, @events))
+      Rig.trigger_event(rig)
+      Rig.pass(rig, div(seconds * @second_ns, @events))
     end
 
-    count = Bench.published(bench) - before
-    kept!(count == @events, "of #{@events} events it published #{count}")
+    count = Rig.published(rig) - before
+    check!(count == @events, "of #{@events} events it published #{count}")
   end
 
-  @doc "When it was killed it opens its bus again; when it was stopped nobody has it open."
+  @doc "Checks that a killed driver opens its bus again, and that a stopped one has closed it."
   @spec release(Setting.t()) :: :ok
   def release(setting) do
-    Bench.on(setting, fn bench ->
-      _ = Bench.await_up(bench)
-      pid = Bench.pid!(bench)
+    Rig.run(setting, fn rig ->
+      _ = Rig.await_up(rig)
+      pid = Rig.pid!(rig)
       Process.exit(pid, :kill)
-      _ = Bench.await(bench, "is up after it was killed", &(&1.state == :up and &1.pid != pid))
-      _ = Bench.await_message(bench)
-      Supervisor.stop(bench.robot)
-      wait_free(bench, 1_000)
+      _ = Rig.await(rig, "is up after it was killed", &(&1.state == :up and &1.pid != pid))
+      _ = Rig.await_message(rig)
+      Supervisor.stop(rig.robot)
+      await_free(rig, 1_000)
     end)
   end
 
-  # What it had open is given back in a process of its own.
-  defp wait_free(bench, tries) do
+  # Another process closes the bus of a killed one.
+  defp await_free(rig, tries) do
     cond do
-      bench.setting.wires.free?(bench.place) -> :ok
-      tries == 0 -> raise Failure, "it has not given back its bus: #{inspect(bench.place)}"
-      true -> wait_on(bench, tries - 1)
+      rig.setting.wires.free?(rig.place) ->
+        :ok
+
+      tries == 0 ->
+        Rig.fail!("it has not closed its bus: #{inspect(rig.place)}")
+
+      true ->
+        Process.sleep(5)
+        await_free(rig, tries - 1)
     end
   end
 
-  defp wait_on(bench, tries) do
-    Process.sleep(5)
-    wait_free(bench, tries)
-  end
-
-  @doc "With its bus stuck it ends when it is told to, and need not be killed."
+  @doc "Checks that the driver stops in time while its bus is stuck, before it is killed."
   @spec stop(Setting.t()) :: :ok
   def stop(setting) do
-    Bench.on(setting, fn bench ->
-      _ = Bench.await_up(bench)
-      monitor = Process.monitor(Bench.pid!(bench))
-      :ok = setting.wires.break(bench.place, setting.wires.stuck())
-      Supervisor.stop(bench.robot)
+    Rig.run(setting, fn rig ->
+      _ = Rig.await_up(rig)
+      monitor = Process.monitor(Rig.pid!(rig))
+      :ok = setting.wires.break(rig.place, setting.wires.stuck())
+      Supervisor.stop(rig.robot)
 
       receive do
         {:DOWN, ^monitor, :process, _pid, reason} ->
-          kept!(reason != :killed, "it did not end by itself, and was killed")
+          check!(reason != :killed, "it did not end by itself, and was killed")
       end
     end)
   end
 
-  # Judging
+  # Assertions
 
-  defp explained!(bench, row, what) do
-    words = row.error
-    kept!(is_binary(words) and words != "", "it says nothing about #{what}")
+  defp explained!(rig, row, trouble) do
+    text = row.error
+    check!(is_binary(text) and text != "", "it says nothing about #{trouble}")
 
-    kept!(
-      words != inspect(row.last_error),
-      "for #{what} it has no words: add a clause to explain/1 of #{inspect(bench.setting.driver)} for #{words}"
+    check!(
+      text != inspect(row.last_error),
+      "it does not explain #{trouble}: add a clause to explain/1 of " <>
+        "#{inspect(rig.setting.driver)} for #{text}"
     )
   end
 
-  defp none!([], _what), do: :ok
+  defp none!([], _start), do: :ok
 
-  defp none!([first | _] = all, what),
-    do: raise(Failure, "#{what} #{length(all)}, as #{inspect(first)}")
+  defp none!([first | _] = all, start),
+    do: Rig.fail!("#{start} #{length(all)}, such as #{inspect(first)}")
 
-  defp one!([_one], _what), do: :ok
+  defp one!([_one], _name), do: :ok
 
-  defp one!(all, what),
-    do: raise(Failure, "expected one of the #{what}, there are #{length(all)}: #{inspect(all)}")
+  defp one!(all, name),
+    do: Rig.fail!("expected one of the #{name}, got: #{length(all)}: #{inspect(all)}")
 
-  defp kept!(kept?, sentence), do: Failure.unless_kept(kept?, sentence)
+  defp check!(true, _sentence), do: :ok
+  defp check!(false, sentence), do: Rig.fail!(sentence)
 end

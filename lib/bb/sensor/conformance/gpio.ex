@@ -1,5 +1,10 @@
 defmodule BB.Sensor.Conformance.GPIO do
-  @moduledoc "The wires of a device on lines of a simulated chip of its own."
+  @moduledoc """
+  The wires of a device on GPIO lines: a simulated GPIO chip of its own for each test.
+
+  `BB.Sensor.Conformance` uses it when the model of the device defines `pins/0`.
+  """
+  @moduledoc no_example: "internal: BB.Sensor.Conformance chooses the wires by the device's model"
 
   @behaviour BB.Sensor.Conformance.Wires
 

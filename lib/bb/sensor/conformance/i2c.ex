@@ -1,5 +1,10 @@
 defmodule BB.Sensor.Conformance.I2C do
-  @moduledoc "The wires of a chip on a simulated I2C bus of its own."
+  @moduledoc """
+  The wires of a chip on I2C: a simulated bus of its own for each test.
+
+  `BB.Sensor.Conformance` uses it when the model of the chip does not define `pins/0`.
+  """
+  @moduledoc no_example: "internal: BB.Sensor.Conformance chooses the wires by the device's model"
 
   @behaviour BB.Sensor.Conformance.Wires
 

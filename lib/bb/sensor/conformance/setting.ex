@@ -1,7 +1,10 @@
 defmodule BB.Sensor.Conformance.Setting do
   @moduledoc """
-  A driver and what it is tried on: the options of `use BB.Sensor.Conformance`, checked.
+  The checked options of `use BB.Sensor.Conformance`: a driver, its device and the faults.
+
+  `BB.Sensor.Conformance` makes one for each test.
   """
+  @moduledoc no_example: "internal: BB.Sensor.Conformance documents the options"
 
   alias BB.Sensor.Conformance.{GPIO, I2C}
 
@@ -49,15 +52,15 @@ defmodule BB.Sensor.Conformance.Setting do
     patience_ms: 30_000
   ]
 
-  @doc "The setting of these options; a mistake in them raises `ArgumentError`."
+  @doc "Returns the setting of the given options. Wrong options raise `ArgumentError`."
   @spec new!(keyword()) :: t()
   def new!(opts) do
     opts = Keyword.validate!(opts, @accepted)
-    {driver, options} = pair!(opts, :driver)
-    device = if opts[:wires], do: opts[:device], else: pair!(opts, :device)
-    wires = opts[:wires] || wires(device)
+    {driver, options} = fetch_pair!(opts, :driver)
+    device = if opts[:wires], do: opts[:device], else: fetch_pair!(opts, :device)
+    wires = opts[:wires] || default_wires(device)
     faults = opts[:faults] || wires.faults()
-    known!(Enum.uniq(faults ++ opts[:unseen]), wires.faults())
+    check_faults!(Enum.uniq(faults ++ opts[:unseen]), wires.faults())
 
     %__MODULE__{
       driver: driver,
@@ -74,22 +77,23 @@ defmodule BB.Sensor.Conformance.Setting do
     }
   end
 
-  @doc "The value of a driver's option: as given, or the default of its schema."
+  @doc "Returns the value of a driver's option: the given one, or the default of its schema."
   @spec option(module(), keyword() | function(), atom()) :: term()
   def option(driver, options, key) do
     given = if is_list(options), do: options, else: []
     Keyword.get_lazy(given, key, fn -> default(driver, key) end)
   end
 
-  # A device on lines has pins.
-  defp wires({model, _options}), do: if(function_exported?(model, :pins, 0), do: GPIO, else: I2C)
+  # A model of a device on GPIO lines defines pins/0.
+  defp default_wires({model, _options}),
+    do: if(function_exported?(model, :pins, 0), do: GPIO, else: I2C)
 
   defp default(driver, key) do
     schema = BB.Options.new!(driver.options_schema()).schema
     get_in(schema, [key, :default])
   end
 
-  defp pair!(opts, key) do
+  defp fetch_pair!(opts, key) do
     case opts[key] do
       {module, options} when is_atom(module) and (is_list(options) or is_function(options, 1)) ->
         Code.ensure_loaded!(module)
@@ -100,13 +104,13 @@ defmodule BB.Sensor.Conformance.Setting do
     end
   end
 
-  defp known!(faults, known) do
+  defp check_faults!(faults, known) do
     case faults -- known do
       [] ->
         :ok
 
       [other | _] ->
-        raise ArgumentError, "expected faults of #{inspect(known)}, got: #{inspect(other)}"
+        raise ArgumentError, "expected faults out of #{inspect(known)}, got: #{inspect(other)}"
     end
   end
 end

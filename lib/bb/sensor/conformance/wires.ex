@@ -1,36 +1,58 @@
 defmodule BB.Sensor.Conformance.Wires do
-  @moduledoc "What a driver's chip hangs on in a conformance test, and how that breaks."
+  @moduledoc """
+  The behaviour of the simulated wires between a driver and its device in a conformance test.
 
-  @typedoc "Where the chip is."
+  `BB.Sensor.Conformance` has wires for I2C and GPIO. Implement this behaviour, and name the
+  module by `:wires`, for a device on another bus or on none:
+
+      defmodule MyRobot.FileWires do
+        @behaviour BB.Sensor.Conformance.Wires
+
+        @impl true
+        def start(setting, name, _clock) do
+          {:ok, files} = MyRobot.Files.start_link(name, setting.device)
+          {files, %{root: MyRobot.Files.root(files)}}
+        end
+
+        @impl true
+        def options(place), do: [root: place.root]
+
+        # and the other callbacks
+      end
+  """
+
+  @typedoc "The place of the chip, as the driver's options need it."
   @type place :: %{atom() => term()}
 
-  @doc "The faults that there are."
+  @doc "Returns the faults that the wires can have."
   @callback faults() :: [atom()]
 
-  @doc "The fault with which its bus cannot be opened, or nothing answers there, from the start on."
+  @doc """
+  Returns the fault by which the bus cannot be opened, or no device answers, from the start.
+  """
   @callback absence() :: atom()
 
-  @doc "The fault with which it is to stop all the same."
+  @doc "Returns the fault during which the driver still has to stop in time."
   @callback stuck() :: atom()
 
-  @doc "Faults that look like readings until they are noticed."
+  @doc "Returns the faults that look like readings until the driver detects them."
   @callback deceptive() :: [atom()]
 
-  @doc "Starts what is simulated, linked to the caller, under a name that is free."
+  @doc "Starts the simulation under the given name, which is unique, linked to the caller."
   @callback start(BB.Sensor.Conformance.Setting.t(), String.t(), BB.Clock.t()) :: {pid(), place()}
 
-  @doc "The driver's options that say where the chip is."
+  @doc "Returns the driver's options for the place of the chip."
   @callback options(place()) :: keyword()
 
-  @doc "Puts another device in the place of the chip."
+  @doc "Replaces the chip by another device."
   @callback exchange(place(), {module(), keyword()}) :: :ok
 
   @doc "Begins a fault."
   @callback break(place(), atom()) :: :ok
 
-  @doc "Ends it."
+  @doc "Ends a fault."
   @callback mend(place(), atom()) :: :ok
 
-  @doc "Whether nobody has it open."
+  @doc "Returns whether no process has the bus open."
   @callback free?(place()) :: boolean()
 end
