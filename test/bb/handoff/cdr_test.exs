@@ -5,7 +5,7 @@ defmodule BB.Handoff.CdrTest do
   alias BB.Handoff.Cdr
 
   doctest BB.Handoff.Cdr
-  doctest BB.Handoff.Header
+  doctest BB.Handoff.Encoding
 
   # Types with a value each, of any depth.
   defp typed do

@@ -1,14 +1,23 @@
 defmodule BB.Handoff.Encoding.Imu do
   @moduledoc """
-  `BB.Message.Sensor.Imu` as the standard ROS 2 message `sensor_msgs/msg/Imu`, in CDR (`BB.Handoff.Cdr`).
+  The encoding of `BB.Message.Sensor.Imu` as the ROS 2 message `sensor_msgs/msg/Imu`, in CDR
+  (`BB.Handoff.Cdr`).
 
-  The stamp is the message's wall time. A covariance that nobody knows travels as zeros, as ROS has it. A `frame_id` that is no atom of this
-  node becomes `:unknown`.
+  Use it for an outlet or an inlet of IMU samples:
+
+      sensor :imu_outlet,
+             {BB.Handoff.Outlet,
+              from: [:sensor, :base_link, :imu],
+              topic: "imu",
+              encoding: BB.Handoff.Encoding.Imu}
+
+  The stamp is the message's wall time. An unknown covariance is encoded as zeros, as in ROS. A
+  `frame_id` that is no atom of this node is decoded as `:unknown`.
   """
 
   @behaviour BB.Handoff.Encoding
 
-  alias BB.Handoff.{Cdr, Header}
+  alias BB.Handoff.{Cdr, Encoding}
   alias BB.Math.{Covariance3, Quaternion, Vec3}
   alias BB.Message.Sensor.Imu
 
@@ -16,7 +25,7 @@ defmodule BB.Handoff.Encoding.Imu do
   @vector {:array, :f64, 3}
   @covariance {:array, :f64, 9}
   @types [
-    Header.type(),
+    Encoding.header_type(),
     {:array, :f64, 4},
     @covariance,
     @vector,
@@ -36,7 +45,7 @@ defmodule BB.Handoff.Encoding.Imu do
     %Quaternion{w: w, x: x, y: y, z: z} = imu.orientation
 
     Cdr.encode(@types, [
-      Header.values(message.wall_time, message.frame_id),
+      Encoding.header_values(message.wall_time, message.frame_id),
       [x, y, z, w],
       covariance(imu.orientation_covariance),
       vector(imu.angular_velocity),
@@ -59,7 +68,7 @@ defmodule BB.Handoff.Encoding.Imu do
             c_acceleration
           ]} <-
            Cdr.decode(data, @types) do
-      {wall_time, frame_id} = Header.parse(header)
+      {wall_time, frame_id} = Encoding.parse_header(header)
 
       BB.Message.new(
         Imu,

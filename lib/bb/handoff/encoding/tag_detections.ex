@@ -1,16 +1,24 @@
 defmodule BB.Handoff.Encoding.TagDetections do
   @moduledoc """
-  `BB.Message.Vision.TagDetections` as the ROS 2 message `apriltag_msgs/msg/AprilTagDetectionArray`, in CDR (`BB.Handoff.Cdr`).
+  The encoding of `BB.Message.Vision.TagDetections` as the ROS 2 message
+  `apriltag_msgs/msg/AprilTagDetectionArray`, in CDR (`BB.Handoff.Cdr`).
 
-  After the standard fields comes a tail that a ROS reader leaves alone: which frame it was, when it was captured on the ring's clock,
-  and how fast the camera turned then. The stamp is the capture in wall time.
+  Use it for an inlet of the detections of `vision_tags`:
 
-  The message's own times are those of the capture, not of the arrival: `BB.now - message.monotonic_time` is the latency from light to here.
+      sensor :tags_inlet,
+             {BB.Handoff.Inlet, topic: "tags", encoding: BB.Handoff.Encoding.TagDetections}
+
+  After the standard fields comes a tail that a ROS reader ignores: the frame's number, its
+  capture time on the ring's clock, and the camera's angular speed at that time. The stamp is the
+  capture time in wall time.
+
+  The message's times are those of the capture, not of the arrival: the latency from the light to
+  the message is `System.monotonic_time(:nanosecond) - message.monotonic_time`.
   """
 
   @behaviour BB.Handoff.Encoding
 
-  alias BB.Handoff.{Cdr, Header}
+  alias BB.Handoff.{Cdr, Encoding}
   alias BB.Message.Vision.TagDetections
   alias BB.Message.Vision.TagDetection
 
@@ -21,9 +29,10 @@ defmodule BB.Handoff.Encoding.TagDetections do
   @point [:f64, :f64]
   # family, id, hamming, goodness, decision margin, centre, corners, homography
   @detection [:string, :i32, :i32, :f32, :f32, @point, {:array, @point, 4}, {:array, :f64, 9}]
-  # magic, version, frame's sequence, camera's own count, width, height, flags, capture time, angular speed
+  # magic, version, frame's sequence, camera's own count, width, height, flags, capture time,
+  # angular speed
   @tail [:u32, :u32, :u64, :u32, :u32, :u32, :u32, :u64, :f64]
-  @types [Header.type(), {:sequence, @detection}, {:align, 8}, @tail]
+  @types [Encoding.header_type(), {:sequence, @detection}, {:align, 8}, @tail]
 
   @impl BB.Handoff.Encoding
   def content, do: "apriltag_msgs/msg/AprilTagDetectionArray"
@@ -35,7 +44,7 @@ defmodule BB.Handoff.Encoding.TagDetections do
   def decode(data) do
     with {:ok, [header, detections, nil, tail]} <- Cdr.decode(data, @types),
          {:ok, frame} <- parse_tail(tail) do
-      {wall_time, frame_id} = Header.parse(header)
+      {wall_time, frame_id} = Encoding.parse_header(header)
       attrs = Map.put(frame, :detections, Enum.map(detections, &parse_detection/1))
 
       BB.Message.new(TagDetections, frame_id, attrs,
