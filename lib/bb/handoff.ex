@@ -1,20 +1,29 @@
 defmodule BB.Handoff do
   @moduledoc """
-  Where the pubsub and the ring meet.
+  Messages between the pubsub and the ring, and so between the BEAM and native programs.
 
-  An **outlet** (`BB.Handoff.Outlet`) carries a pubsub path into a ring topic, an **inlet** (`BB.Handoff.Inlet`) a ring topic onto a pubsub path.
-  Both are declared in the robot like sensors, and supervised like them: what fails goes down alone and comes back. Payloads are
-  translated by encodings (`BB.Handoff.Encoding`).
+  Declare an **outlet** (`BB.Handoff.Outlet`) to carry a pubsub path into a ring topic, and an
+  **inlet** (`BB.Handoff.Inlet`) to carry a ring topic onto a pubsub path:
 
       sensors do
-        sensor :imu_outlet, {BB.Handoff.Outlet, from: [:sensor, :base_link, :imu], topic: "imu", encoding: BB.Handoff.Encoding.Imu}
-        sensor :tags_inlet, {BB.Handoff.Inlet, topic: "tags", encoding: BB.Handoff.Encoding.TagDetections}
+        sensor :imu_outlet,
+               {BB.Handoff.Outlet,
+                from: [:sensor, :base_link, :imu],
+                topic: "imu",
+                encoding: BB.Handoff.Encoding.Imu}
+
+        sensor :tags_inlet,
+               {BB.Handoff.Inlet, topic: "tags", encoding: BB.Handoff.Encoding.TagDetections}
       end
+
+  Both are supervised like sensors: one that fails goes down alone and is restarted. Encodings
+  (`BB.Handoff.Encoding`) translate the payloads.
   """
 
   @doc """
-  What an outlet or inlet has carried since it started, by its name in the robot: counters as its module documents them.
+  Returns the counters of an outlet or inlet since it started.
 
+  `name` is its name in the robot; its module documents the counters. Returns
   `{:error, :not_running}` while it is down.
   """
   @spec stats(module(), atom()) :: {:ok, %{atom() => non_neg_integer()}} | {:error, :not_running}

@@ -89,12 +89,12 @@ defmodule BB.HandoffTest do
       assert capture_log(fn ->
                File.rm!(file)
                eventually(fn -> health(robot, :outlet).last_error == {:file_renewed, topic} end)
-             end) =~ "somebody removed the file of the topic #{topic}; it was made anew"
+             end) =~ "the file of the topic #{topic} was removed, and has been made again"
 
       assert %{state: :up, pid: ^pid, restarts: 0, reason: nil, error: error} =
                health(robot, :outlet)
 
-      assert error =~ topic and error =~ "made anew"
+      assert error =~ topic and error =~ "made again"
     end
 
     test "names in its health who holds a slot for longer than the ring goes round" do

@@ -1,21 +1,27 @@
 defmodule BB.Handoff.Cdr do
   @moduledoc """
-  CDR, the encoding of ROS 2 messages: little-endian, every number aligned to its own size, counted after the four bytes of the
-  encapsulation header (OMG DDS-XTypes 1.3, plain CDR version 1).
+  Encodes and decodes CDR, the format of ROS 2 messages.
 
-  A message type is described as data, as its `.msg` file describes it:
-
-    * `:i32`, `:u32`, `:u64`, `:f32`, `:f64`, `:string`
-    * `{:array, type, n}`: exactly `n` values, a list
-    * `{:sequence, type}`: a count and so many values, a list
-    * `[type, …]`: a structure, a list of its fields' values
-    * `{:align, n}`: padding up to a multiple of `n`; its value is `nil`
+  Use it in an encoding (`BB.Handoff.Encoding`) of a ROS 2 message.
 
       iex> bytes = BB.Handoff.Cdr.encode([:string, :f64], ["a", 0.5])
       iex> IO.iodata_to_binary(bytes)
       <<0, 1, 0, 0, 2, 0, 0, 0, ?a, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xE0, 0x3F>>
       iex> BB.Handoff.Cdr.decode(IO.iodata_to_binary(bytes), [:string, :f64])
       {:ok, ["a", 0.5]}
+
+  The format is little-endian plain CDR, version 1 (OMG DDS-XTypes 1.3). Every number is aligned
+  to its own size, counted from the end of the encapsulation header of four bytes.
+
+  ## Types
+
+  A message type is described as data, in the order of its `.msg` file:
+
+    * `:i32`, `:u32`, `:u64`, `:f32`, `:f64`, `:string`
+    * `{:array, type, n}` - exactly `n` values, a list
+    * `{:sequence, type}` - a count and that many values, a list
+    * `[type, …]` - a structure, a list of its fields' values
+    * `{:align, n}` - padding to a multiple of `n`; its value is `nil`
   """
 
   @header <<0, 1, 0, 0>>
@@ -36,7 +42,7 @@ defmodule BB.Handoff.Cdr do
           | {:truncated, offset :: non_neg_integer()}
           | {:invalid, type(), offset :: non_neg_integer()}
 
-  @doc "The bytes of `values`, which must fit `types`."
+  @doc "Encodes `values`, which must fit `types`."
   @spec encode([type()], [term()]) :: iodata()
   def encode(types, values) do
     {body, _size} = write(types, values, {[], 0})
@@ -44,9 +50,10 @@ defmodule BB.Handoff.Cdr do
   end
 
   @doc """
-  The values of `types` at the start of `data`. Bytes after them are left alone, as every CDR reader leaves them.
+  Decodes values of `types` from the start of `data`.
 
-  A number that is not finite is `{:error, {:invalid, type, offset}}`: no term stands for it.
+  Bytes after them are ignored, as by every CDR reader. A number that is not finite is
+  `{:error, {:invalid, type, offset}}`, since Erlang has no term for it.
   """
   @spec decode(binary(), [type()]) :: {:ok, [term()]} | {:error, reason()}
   def decode(@header <> body, types) do
@@ -58,7 +65,7 @@ defmodule BB.Handoff.Cdr do
 
   def decode(_data, _types), do: {:error, :not_little_endian_cdr}
 
-  # Writing: the chunks so far, newest first, and their size.
+  # Writing. `out` is the chunks so far, newest first, and their size.
 
   defp write(types, values, out) when is_list(types) and length(types) == length(values) do
     types
@@ -100,7 +107,7 @@ defmodule BB.Handoff.Cdr do
 
   defp put({chunks, size}, chunk, chunk_size), do: {[chunk | chunks], size + chunk_size}
 
-  # Reading: the offset counts from after the header.
+  # Reading. Offsets count from the end of the header.
 
   defp read(types, body, offset) when is_list(types) do
     Enum.map_reduce(types, offset, &read(&1, body, &2))
@@ -131,7 +138,7 @@ defmodule BB.Handoff.Cdr do
 
   defp part(_body, _start, _size, offset), do: malformed({:truncated, offset})
 
-  # A string ends with a zero, which its size counts.
+  # A string ends with a zero byte, which its size includes.
   defp text(<<>>, _offset), do: <<>>
 
   defp text(bytes, offset) do
@@ -142,7 +149,7 @@ defmodule BB.Handoff.Cdr do
       else: malformed({:truncated, offset})
   end
 
-  # Every element takes at least a byte, so that a count that lies ends at the end of the data.
+  # Every element takes at least a byte, so that a false count ends with the data.
   defp repeat(0, _type, _body, offset, values), do: {Enum.reverse(values), offset}
 
   defp repeat(left, type, body, offset, values) do

@@ -1,10 +1,14 @@
 defmodule BB.Handoff.Content do
   @moduledoc """
-  The names behind the content tags of topics.
+  The names of encodings by their content tags.
 
-  A topic's header has room for a tag alone, a hash of the encoding's name
-  (`BB.Ring.content_tag/1`). Of the names here the hash can be told back, so that a message to a
-  person has the name.
+  `BB.Handoff.Inlet` uses it to name an encoding in a message to a person. A topic's header holds
+  only a tag, a hash of the encoding's name (`BB.Ring.content_tag/1`); this table has the common
+  names.
+
+      iex> tag = BB.Ring.content_tag("sensor_msgs/msg/Image")
+      iex> BB.Handoff.Content.name(tag)
+      "sensor_msgs/msg/Image"
   """
 
   @names ~w(
@@ -40,8 +44,9 @@ defmodule BB.Handoff.Content do
   )
 
   @doc """
-  The name of the encoding with that tag; the tag itself where the name is not known, `:untagged`
-  for 0.
+  Returns the name of the encoding with a tag.
+
+  It is the tag itself when its name is not known, and `:untagged` for 0.
 
       iex> "sensor_msgs/msg/LaserScan" |> BB.Ring.content_tag() |> BB.Handoff.Content.name()
       "sensor_msgs/msg/LaserScan"
@@ -54,16 +59,16 @@ defmodule BB.Handoff.Content do
   def name(tag), do: Enum.find(@names, tag, &(BB.Ring.content_tag(&1) == tag))
 
   @doc """
-  In words what a topic has instead of what an inlet decodes, and what to do about it.
+  Formats a topic's content that an inlet does not decode as a sentence that says what to do.
 
       iex> BB.Handoff.Content.explain("sensor_msgs/msg/LaserScan")
       "the topic has messages of sensor_msgs/msg/LaserScan, which the inlet's encoding does " <>
-        "not decode: name the encoding of those, or another topic"
+        "not decode: set their encoding, or another topic"
   """
   @spec explain(String.t() | non_neg_integer() | :untagged) :: String.t()
   def explain(:untagged) do
-    "the topic does not say what its messages are: have its publisher name their content, " <>
-      "or take them all the same with `untagged: true` in the inlet's options"
+    "the topic has no content tag: set `content` in its publisher, or accept its messages " <>
+      "by `untagged: true` in the inlet's options"
   end
 
   def explain(tag) when is_integer(tag),
@@ -71,6 +76,6 @@ defmodule BB.Handoff.Content do
 
   def explain(name) do
     "the topic has messages of #{name}, which the inlet's encoding does not decode: " <>
-      "name the encoding of those, or another topic"
+      "set their encoding, or another topic"
   end
 end

@@ -8,45 +8,61 @@ defmodule BB.Handoff.Inlet do
             encoding: [
               type: {:behaviour, BB.Handoff.Encoding},
               required: true,
-              doc: "How messages are encoded."
+              doc: "The encoding of the messages."
             ],
             to: [
               type: {:list, :atom},
-              doc: "The pubsub path; without it the sensor's own, `[:sensor | path]`."
+              doc: "The pubsub path; by default the sensor's own, `[:sensor | path]`."
             ],
             credits: [
               type: {:in, 1..1024},
               default: 64,
-              doc:
-                "Messages that may wait in the inlet's mailbox; what comes faster stays in the ring and may be lost there."
+              doc: """
+              Messages that may wait in the inlet's mailbox. Faster ones stay in the ring, and may
+              \ be lost there.
+              """
             ],
             untagged: [
               type: :boolean,
               default: false,
-              doc:
-                "Whether to take a topic whose publisher does not say what its messages are. " <>
-                  "What does not decode is malformed then, what decodes by chance is published."
+              doc: """
+              Whether to accept a topic without a content tag. A message that does not decode is \
+              then malformed, and one that decodes by chance is published.
+              """
             ]
           )
 
   @moduledoc """
-  Carries a ring topic onto a pubsub path.
+  A sensor that carries a ring topic onto a pubsub path.
 
-      sensor :tags_inlet, {BB.Handoff.Inlet, topic: "tags", encoding: BB.Handoff.Encoding.TagDetections, to: [:sensor, :base_link, :tags]}
+  Declare one for each topic of a native program that the robot's Elixir code reads:
 
-  The topic need not exist yet; it may come, go and come back.
+      sensor :tags_inlet,
+             {BB.Handoff.Inlet,
+              topic: "tags",
+              encoding: BB.Handoff.Encoding.TagDetections,
+              to: [:sensor, :base_link, :tags]}
 
-  A topic says what its messages are, by the name of an encoding that its publisher gives
-  (`content`). When that is another one than the inlet's, also later when another publisher has
-  come, the inlet publishes nothing: it goes down with `{:other_content, name}` (the tag where the
-  name is not known, `:untagged` where the topic names none), and comes back by backoff when the
-  topic is what it expects.
+  The topic need not exist yet, and may disappear and appear again.
 
-  `BB.Handoff.stats/2` gives `%{published: n, lost: n, malformed: n}`: `lost` counts what the ring overwrote before it was read; a message
-  that does not decode is counted as malformed, and the first of a row is logged.
+  ## Content
 
-  `max_silence` is about what it carries, wherever `to:` leads: an inlet is `:stale` when it has
-  published nothing for so long.
+  A topic carries the name of its encoding, which its publisher sets (`content`), as a content
+  tag. When that is another encoding than the inlet's, also later with another publisher, the
+  inlet publishes nothing. It goes down with `{:other_content, name}`, and is up again when the
+  topic has the expected content. `name` is the tag when its name is not known, and `:untagged`
+  when the topic has none.
+
+  ## Counters
+
+  `BB.Handoff.stats/2` returns `%{published: n, lost: n, malformed: n}`. `lost` counts messages
+  that the ring overwrote before they were read, `malformed` messages that do not decode. The
+  first malformed message in a row is logged.
+
+  ## Silence
+
+  `max_silence` measures the messages that the inlet publishes, on whichever path: the inlet is
+  `:stale` when it has published none for that time.
 
   ## Options
 
@@ -84,12 +100,12 @@ defmodule BB.Handoff.Inlet do
          malformed: 0
        }}
     else
-      {:error, reason} -> {:stop, down(reason)}
+      {:error, reason} -> {:stop, stop_reason(reason)}
     end
   end
 
   defp topic(robot, name),
-    do: with({:error, why} <- BB.Topic.of(robot, name), do: {:error, {:topic, why}})
+    do: with({:error, message} <- BB.Topic.of(robot, name), do: {:error, {:topic, message}})
 
   @doc false
   @impl BB.Sensor
@@ -99,9 +115,9 @@ defmodule BB.Handoff.Inlet do
     [active: opts[:credits], content: opts[:encoding].content(), untagged: opts[:untagged]]
   end
 
-  defp down({:other_content, tag}), do: {:other_content, Content.name(tag)}
-  defp down({:topic, _why} = reason), do: reason
-  defp down(reason), do: {:ring, reason}
+  defp stop_reason({:other_content, tag}), do: {:other_content, Content.name(tag)}
+  defp stop_reason({:topic, _message} = reason), do: reason
+  defp stop_reason(reason), do: {:ring, reason}
 
   @impl BB.Sensor
   def handle_info({:bb_ring, ref, %Message{} = message}, %{ref: ref} = state) do
@@ -110,14 +126,16 @@ defmodule BB.Handoff.Inlet do
   end
 
   def handle_info({:bb_ring, ref, {:error, {:other_content, _} = reason}}, %{ref: ref} = state),
-    do: {:stop, {:shutdown, down(reason)}, state}
+    do: {:stop, {:shutdown, stop_reason(reason)}, state}
 
   def handle_info({:bb_ring, ref, {:error, reason}}, %{ref: ref} = state) do
     Logger.warning("#{state.name}: #{BB.Ring.format_error(reason)}")
     {:noreply, state}
   end
 
-  def handle_info({:bb_ring_passive, ref}, %{ref: ref} = state), do: {:noreply, give_back(state)}
+  def handle_info({:bb_ring_passive, ref}, %{ref: ref} = state),
+    do: {:noreply, return_credits(state)}
+
   def handle_info(_other, state), do: {:noreply, state}
 
   @impl BB.Sensor
@@ -126,7 +144,7 @@ defmodule BB.Handoff.Inlet do
 
   @impl BB.Sensor
   def explain({:ring, reason}), do: BB.Ring.format_error(reason)
-  def explain({:topic, why}), do: why
+  def explain({:topic, message}), do: message
   def explain({:other_content, content}), do: Content.explain(content)
 
   @impl BB.Sensor
@@ -140,23 +158,21 @@ defmodule BB.Handoff.Inlet do
         %{state | published: state.published + 1, decodes?: true}
 
       {:error, reason} ->
-        if state.decodes?,
-          do:
-            Logger.warning(
-              "#{state.name}: a message on the ring does not decode: #{inspect(reason)}"
-            )
-
+        if state.decodes?, do: log_malformed(state, reason)
         %{state | malformed: state.malformed + 1, decodes?: false}
     end
   end
 
-  # Credits are given back by halves, so that the ring's thread is seldom disturbed and never left without.
+  defp log_malformed(state, reason),
+    do: Logger.warning("#{state.name}: a message on the ring does not decode: #{inspect(reason)}")
+
+  # Credits are returned by halves, so that the ring's thread is seldom woken and always has some.
   defp use_credit(state) do
     state = %{state | used: state.used + 1}
-    if 2 * state.used >= state.credits, do: give_back(state), else: state
+    if 2 * state.used >= state.credits, do: return_credits(state), else: state
   end
 
-  defp give_back(state) do
+  defp return_credits(state) do
     _ = Subscriber.active(state.ring, state.used)
     %{state | used: 0}
   end

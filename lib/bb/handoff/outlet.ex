@@ -3,7 +3,7 @@ defmodule BB.Handoff.Outlet do
             from: [
               type: {:list, :atom},
               required: true,
-              doc: "The pubsub path, with everything below it."
+              doc: "The pubsub path, with all paths below it."
             ],
             topic: [
               type: {:custom, BB.Topic, :check_declared, []},
@@ -13,7 +13,7 @@ defmodule BB.Handoff.Outlet do
             encoding: [
               type: {:behaviour, BB.Handoff.Encoding},
               required: true,
-              doc: "How messages are encoded."
+              doc: "The encoding of the messages."
             ],
             slot_count: [
               type: {:custom, BB.Ring.Publisher, :check_slot_count, []},
@@ -28,26 +28,41 @@ defmodule BB.Handoff.Outlet do
           )
 
   @moduledoc """
-  Carries a pubsub path into a ring topic.
+  A sensor that carries a pubsub path into a ring topic.
 
-      sensor :imu_outlet, {BB.Handoff.Outlet, from: [:sensor, :base_link, :imu], topic: "imu", encoding: BB.Handoff.Encoding.Imu}
+  Declare one for each path that native programs read:
 
-  It subscribes to messages of the encoding's payload and publishes each on the topic, in the order in which they come. Native processes read the
-  topic without knowing the robot.
+      sensor :imu_outlet,
+             {BB.Handoff.Outlet,
+              from: [:sensor, :base_link, :imu],
+              topic: "imu",
+              encoding: BB.Handoff.Encoding.Imu}
 
-  An encoding that does not return holds up its outlet alone: no more than some 4096 messages wait
-  for it, and that it misses some is logged.
+  The outlet subscribes to messages of the encoding's payload and publishes each of them on the
+  topic, in their order. An encoding that does not return blocks its outlet alone: at most about
+  4096 messages wait for the outlet, and the log says when it misses some.
 
-  `BB.Handoff.stats/2` gives `%{published: n, too_large: n, held: n}`. A message longer than a slot is counted, and the first one is logged. `held`
-  counts the messages that were dropped since subscribers held all slots. When somebody removes the topic's file, it is made anew. That, and a
-  process that holds a message for so long that the topic has to pass its slot over, is logged and told by `BB.Sensor.health/1`:
-  `last_error` is `{:file_renewed, topic}` or `{:held, topic, os_pids}` and `error` has it in words, while the outlet goes on.
+  ## Counters
 
-  `max_silence` is about what it carries: an outlet is `:stale` when it has published nothing on
-  its topic for so long.
+  `BB.Handoff.stats/2` returns `%{published: n, too_large: n, held: n}`. `too_large` counts
+  messages that are longer than a slot; the first one is logged. `held` counts messages that were
+  dropped because subscribers held all slots.
 
-  When the ring refuses (`{:ring, reason}`, see `BB.Ring`), for example since another publisher lives, the outlet goes down and comes back by
-  backoff as any sensor does.
+  ## Trouble
+
+  An outlet runs on, logs, and shows an error in `BB.Sensor.health/1` in two cases:
+
+    * `{:file_renewed, topic}` - the topic's file was removed, and the outlet has made it again
+    * `{:held, topic, os_pids}` - the processes have held a message for so long that the topic
+      skips its slot
+
+  When the ring refuses to publish (`{:ring, reason}`, see `BB.Ring`), for example because another
+  publisher lives, the outlet goes down and is restarted by backoff, as any sensor is.
+
+  ## Silence
+
+  `max_silence` measures the messages that the outlet publishes on its topic: the outlet is
+  `:stale` when it has published none for that time.
 
   ## Options
 
@@ -58,10 +73,10 @@ defmodule BB.Handoff.Outlet do
 
   alias BB.Ring.Publisher
 
-  @most_waiting 4_096
+  @max_queue 4_096
 
-  # How often those who hold slots are looked for while messages are published, in milliseconds.
-  @look_ms 1_000
+  # The period of the check for held slots, while messages are published.
+  @check_ms 1_000
 
   require Logger
 
@@ -70,7 +85,7 @@ defmodule BB.Handoff.Outlet do
     %{robot: robot, path: path} = opts[:bb]
     encoding = opts[:encoding]
 
-    subscription = [message_types: [encoding.payload()], max_queue: @most_waiting]
+    subscription = [message_types: [encoding.payload()], max_queue: @max_queue]
 
     with {:ok, _} <- BB.subscribe(robot, opts[:from], subscription),
          {:ok, topic} <- topic(robot, opts[:topic]),
@@ -86,16 +101,16 @@ defmodule BB.Handoff.Outlet do
          missed: 0,
          passed_over: 0,
          holders: [],
-         looked_at: now_ms()
+         checked_ms: now_ms()
        }}
     else
-      {:error, {:topic, _why} = reason} -> {:stop, reason}
+      {:error, {:topic, _message} = reason} -> {:stop, reason}
       {:error, reason} -> {:stop, {:ring, reason}}
     end
   end
 
   defp topic(robot, name),
-    do: with({:error, why} <- BB.Topic.of(robot, name), do: {:error, {:topic, why}})
+    do: with({:error, message} <- BB.Topic.of(robot, name), do: {:error, {:topic, message}})
 
   @doc false
   @impl BB.Sensor
@@ -103,7 +118,7 @@ defmodule BB.Handoff.Outlet do
 
   @impl BB.Sensor
   def handle_info({:bb, _path, message}, state) do
-    state = look_for_holders(state, now_ms())
+    state = check_holders(state, now_ms())
 
     case Publisher.publish(state.publisher, state.encoding.encode(message)) do
       :ok -> {:noreply, count_published(state)}
@@ -116,7 +131,7 @@ defmodule BB.Handoff.Outlet do
   def handle_info({:bb_missed, _path, count}, state), do: {:noreply, count_missed(state, count)}
 
   def handle_info({:bb_ring_publisher, topic, :renewed}, state) do
-    tell(state, {:file_renewed, topic})
+    report_trouble(state, {:file_renewed, topic})
     {:noreply, state}
   end
 
@@ -133,14 +148,14 @@ defmodule BB.Handoff.Outlet do
 
   @impl BB.Sensor
   def explain({:ring, reason}), do: BB.Ring.format_error(reason)
-  def explain({:topic, why}), do: why
+  def explain({:topic, message}), do: message
 
   def explain({:file_renewed, topic}),
-    do: "somebody removed the file of the topic #{topic}; it was made anew"
+    do: "the file of the topic #{topic} was removed, and has been made again"
 
   def explain({:held, topic, os_pids}) do
-    "#{processes(os_pids)} held messages of the topic #{topic} for longer than its slots last, " <>
-      "which costs others messages: look whether that hangs, or raise slot_count"
+    "#{processes(os_pids)} held messages of the topic #{topic} for longer than its slots " <>
+      "last, and other subscribers lose messages: check whether it hangs, or raise slot_count"
   end
 
   @impl BB.Sensor
@@ -157,36 +172,38 @@ defmodule BB.Handoff.Outlet do
   defp processes([os_pid]), do: "process #{os_pid}"
   defp processes(os_pids), do: "processes #{Enum.join(os_pids, ", ")}"
 
-  defp look_for_holders(%{looked_at: looked_at} = state, now_ms)
-       when now_ms - looked_at < @look_ms,
+  defp check_holders(%{checked_ms: checked_ms} = state, now_ms)
+       when now_ms - checked_ms < @check_ms,
        do: state
 
-  defp look_for_holders(state, now_ms) do
-    state = %{state | looked_at: now_ms}
+  defp check_holders(state, now_ms) do
+    state = %{state | checked_ms: now_ms}
 
     case Publisher.info(state.publisher) do
       {:ok, %{dropped_pinned: count} = info} when count > state.passed_over ->
-        tell_of_holders(%{state | passed_over: count}, info)
+        report_holders(%{state | passed_over: count}, info)
 
-      _nothing_new ->
+      _unchanged ->
         state
     end
   end
 
-  # One that let go meanwhile is not known any more.
-  defp tell_of_holders(state, info) do
+  # A process that has released its message meanwhile is not found.
+  defp report_holders(state, info) do
     oldest = info.published - info.slot_count
 
     blocking =
       for reader <- info.readers, Enum.any?(reader.held, &(&1 < oldest)), do: reader.os_pid
 
     holders = blocking |> Enum.uniq() |> Enum.sort()
-    # What still goes on was told.
-    if holders not in [[], state.holders], do: tell(state, {:held, info.topic, holders})
+    # Holders that have not changed were reported before.
+    if holders not in [[], state.holders],
+      do: report_trouble(state, {:held, info.topic, holders})
+
     %{state | holders: holders}
   end
 
-  defp tell(state, reason) do
+  defp report_trouble(state, reason) do
     Logger.warning("#{List.last(state.path)}: #{explain(reason)}")
     BB.Sensor.trouble(reason)
   end
@@ -201,8 +218,8 @@ defmodule BB.Handoff.Outlet do
   defp count_missed(%{missed: missed} = state, count) do
     if missed == 0 do
       Logger.warning(
-        "#{List.last(state.path)}: #{count} messages went by while it was busy with others; " <>
-          "make its encoding quicker"
+        "#{List.last(state.path)}: #{count} messages were missed while earlier ones were " <>
+          "encoded; make the encoding faster"
       )
     end
 
@@ -212,7 +229,8 @@ defmodule BB.Handoff.Outlet do
   defp count_too_large(%{too_large: count} = state) do
     if count == 0 do
       Logger.warning(
-        "#{List.last(state.path)}: a message is longer than the topic's slots and was dropped; raise slot_size"
+        "#{List.last(state.path)}: a message longer than the topic's slots was dropped; " <>
+          "raise slot_size"
       )
     end
 
