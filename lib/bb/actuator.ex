@@ -1,7 +1,9 @@
 defmodule BB.Actuator do
   @moduledoc """
-  An actuator's driver: a module with callbacks, which a robot's supervisors run in the same process as a sensor's
-  (`BB.Component.Server`), under the same keeper.
+  The behaviour of an actuator's driver. A robot's supervisors run the driver in a process, as
+  they run a sensor (`BB.Component.Server`).
+
+  Implement it for hardware that moves a joint.
 
       defmodule MyRobot.Servo do
         use BB.Actuator, options_schema: [channel: [type: :integer, required: true]]
@@ -18,17 +20,19 @@ defmodule BB.Actuator do
         end
       end
 
-  and in a joint of the robot:
+  A joint of the robot declares the actuator:
 
       actuator :servo, {MyRobot.Servo, channel: 0} do
         transmission reduction: 3.0
       end
 
-  It is reached by its name: `BB.call(MyRobot, :servo, {:turn_to, 0.5})`, and likewise `BB.cast/3` and `BB.send/3`.
+  `BB.call(MyRobot, :servo, {:turn_to, 0.5})` calls it by its name, and so do `BB.cast/3` and
+  `BB.send/3`.
 
-  Beside its own options `init/1` gets `opts[:bb]` and `opts[:actuator_profile]` (`BB.Actuator.ActuatorProfile`). Options and
-  transmission may follow parameters. All that `BB.Sensor` says of options and of what goes wrong holds here; a change of its
-  state is published on `[:actuator_status | path]`, its alarm is `{BB.Actuator, robot, path}`.
+  `init/1` receives the driver's options, `opts[:bb]` and `opts[:actuator_profile]`
+  (`BB.Actuator.ActuatorProfile`). Options and transmission may refer to parameters. The sections
+  "Options" and "Failures" of `BB.Sensor` apply. Changes of the actuator's status are published on
+  `[:actuator_status | path]`, and its alarm is `{BB.Actuator, robot, path}`.
   """
 
   use BB.Component.Kind, word: :actuator
@@ -41,11 +45,11 @@ defmodule BB.Actuator do
   def component_options(joint_name, transmission),
     do: [actuator_profile: %ActuatorProfile{joint_name: joint_name, transmission: transmission}]
 
-  @doc "How each of the robot's actuators fares, as `BB.Sensor.health/1` tells of sensors."
+  @doc "Returns the health of the robot's actuators, as `BB.Sensor.health/1` does of its sensors."
   @spec health(module()) :: [Health.row()]
   def health(robot), do: Health.list(robot, __MODULE__)
 
-  @doc "Why an actuator is down, for a person, as `BB.Sensor.explain/2` tells of sensors."
+  @doc "Formats the reason for which an actuator is down, as `BB.Sensor.explain/2` does."
   @spec explain(module(), reason :: term()) :: String.t()
   def explain(module, reason), do: Reason.format(reason, module)
 end

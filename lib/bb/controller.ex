@@ -1,7 +1,10 @@
 defmodule BB.Controller do
   @moduledoc """
-  What belongs to no device and yet is part of the robot: a loop that reads sensors and tells actuators. A module with
-  callbacks, which a robot's supervisors run in the same process as a sensor's (`BB.Component.Server`), under the same keeper.
+  The behaviour of a controller: a component without a device, such as a loop that reads sensors
+  and commands actuators. A robot's supervisors run it in a process, as they run a sensor
+  (`BB.Component.Server`).
+
+  Implement it for a part of the robot's logic that is restarted by itself.
 
       defmodule MyRobot.Balance do
         use BB.Controller, options_schema: [gain: [type: :float, required: true]]
@@ -22,14 +25,15 @@ defmodule BB.Controller do
         end
       end
 
-  and in the robot:
+  The robot declares the controller:
 
       controllers do
         controller :balance, {MyRobot.Balance, gain: param([:balance, :gain])}
       end
 
-  It is reached by its name, as all components are (`BB.call/4`). All that `BB.Sensor` says of options and of what goes wrong
-  holds here; a change of its state is published on `[:controller_status | path]`, its alarm is `{BB.Controller, robot, path}`.
+  `BB.call/4` calls it by its name, as it calls all components. The sections "Options" and
+  "Failures" of `BB.Sensor` apply. Changes of the controller's status are published on
+  `[:controller_status | path]`, and its alarm is `{BB.Controller, robot, path}`.
   """
 
   use BB.Component.Kind, word: :controller
@@ -40,11 +44,13 @@ defmodule BB.Controller do
   @impl BB.Component
   def component_options(_joint_name, _transmission), do: []
 
-  @doc "How each of the robot's controllers fares, as `BB.Sensor.health/1` tells of sensors."
+  @doc """
+  Returns the health of the robot's controllers, as `BB.Sensor.health/1` does of its sensors.
+  """
   @spec health(module()) :: [Health.row()]
   def health(robot), do: Health.list(robot, __MODULE__)
 
-  @doc "Why a controller is down, for a person, as `BB.Sensor.explain/2` tells of sensors."
+  @doc "Formats the reason for which a controller is down, as `BB.Sensor.explain/2` does."
   @spec explain(module(), reason :: term()) :: String.t()
   def explain(module, reason), do: Reason.format(reason, module)
 end

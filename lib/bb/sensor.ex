@@ -1,6 +1,10 @@
 defmodule BB.Sensor do
   @moduledoc """
-  A sensor's driver: a module with callbacks, which a robot's supervisors run in a process (`BB.Sensor.Server`).
+  The behaviour of a sensor's driver. A robot's supervisors run the driver in a process
+  (`BB.Sensor.Server`).
+
+  Implement it for a device that reports by itself, or needs a process of its own kind. For a
+  device that is polled at a rate, as in this example, `BB.Sensor.Polled` needs less code.
 
       defmodule MyRobot.Thermometer do
         use BB.Sensor, options_schema: [bus: [type: :string, required: true]]
@@ -23,36 +27,40 @@ defmodule BB.Sensor do
         end
       end
 
-  and in the robot: `sensor :thermometer, {MyRobot.Thermometer, bus: "i2c-1"}`. For a device that is asked at a rate, as this one,
-  `BB.Sensor.Polled` has all but the asking.
+  A robot declares the sensor by `sensor :thermometer, {MyRobot.Thermometer, bus: "i2c-1"}`.
 
   ## Options
 
-  Say what options the driver takes, in the format of `BB.Options`, either by `use BB.Sensor, options_schema: […]` or by a
-  function `options_schema/0`, not both; without a schema it takes none. Options are checked, and defaults filled in, before
-  `init/1`; wrong ones fail the robot's start. Beside them `init/1` gets
+  Declare the driver's options in the format of `BB.Options`, either by `use BB.Sensor,
+  options_schema: […]` or by a function `options_schema/0`. A driver without a schema takes no
+  options. Options are checked, and defaults are set, before `init/1`; wrong options fail the
+  robot's start. `init/1` also receives
 
     * `opts[:bb]` - `%{robot: robot_module, path: path}`, the path as `[:base_link, :imu]`
-    * `opts[:sensor_profile]` - `BB.Sensor.SensorProfile`
+    * `opts[:sensor_profile]` - a `BB.Sensor.SensorProfile`
 
-  An option may follow a parameter (`BB.Parameter`): `rate: param([:imu, :rate])` in the robot. The driver gets the parameter's value, and
-  when that changes `handle_options/2` gets all options anew, once for each change: once too when `BB.Parameter.set_many/2` has changed
-  several of them. A value that the schema refuses stops the sensor, which is down until the parameter is right. In the
-  same way `opts[:sensor_profile].transmission` follows its parameters.
+  An option may refer to a parameter (`BB.Parameter`): `rate: param([:imu, :rate])` in the robot.
+  The driver receives the parameter's value. When the value changes, `handle_options/2` receives
+  all options again, once for each change, and once when `BB.Parameter.set_many/2` changes several
+  parameters. A value that the schema refuses stops the sensor, which is down until the parameter
+  is right. In the same way `opts[:sensor_profile].transmission` follows its parameters.
 
-  ## When things go wrong
+  ## Failures
 
-  A device that does not answer is no reason to crash: return `{:stop, reason}` from `init/1`, or `{:stop, reason, state}` from
-  a later callback, with a reason that a person can act on; as `{:shutdown, reason}` it is no crash in OTP's log. The sensor then goes down alone and is started again, at first
-  within 100 ms, then less often (`BB.Component.Backoff`), until it is up. A crash is handled in the same way, with OTP's report
-  in the log. A process that the driver links to itself takes it down when it fails.
+  A driver need not crash when its device does not answer. It returns `{:stop, reason}` from
+  `init/1`, or `{:stop, reason, state}` from a later callback, with a reason that tells a person
+  what to do. As `{:shutdown, reason}` OTP's log does not report it as a crash. The sensor then
+  goes down alone and is restarted, at first within 100 ms, then less often
+  (`BB.Component.Backoff`), until it is up. A crash is handled in the same way, with OTP's report
+  in the log. A process that is linked to the driver takes the sensor down when it fails.
 
-  Each change is published as `BB.Message.Sensor.Status` on `[:sensor_status | path]`, set or cleared as the OTP alarm
-  `{BB.Sensor, robot, path}`, and visible in `health/1`.
+  Each change of the sensor's status is published as a `BB.Message.Sensor.Status` on
+  `[:sensor_status | path]`, sets or clears the OTP alarm `{BB.Sensor, robot, path}`, and shows in
+  `health/1`.
 
   Never publish an old reading as a new one. When the device stops answering, publish nothing;
-  with `max_silence` in the robot's declaration the sensor is then `:stale`. A sensor whose work
-  does not show in messages on its own path says by `beat/0` that it is well.
+  with `max_silence` in the robot's declaration the sensor becomes `:stale`. A sensor that
+  publishes elsewhere than on its own path calls `beat/0` to show that it is well.
   """
 
   use BB.Component.Kind, word: :sensor
@@ -68,7 +76,7 @@ defmodule BB.Sensor do
     do: [sensor_profile: %SensorProfile{joint_name: joint_name, transmission: transmission}]
 
   @doc """
-  How each of the robot's sensors fares, in the order of their declaration: a list of `t:BB.Component.Health.row/0`.
+  Returns the health of the robot's sensors, in the order of their declaration.
 
   Raises `ArgumentError` when the robot is not started.
   """
@@ -76,8 +84,11 @@ defmodule BB.Sensor do
   def health(robot), do: Health.list(robot, __MODULE__)
 
   @doc """
-  Why a sensor is down, for a person: the `reason` of its `health/1` row or of its `BB.Message.Sensor.Status`, in the words of its driver
-  `module` where that has some (`c:explain/1`).
+  Formats the reason for which a sensor is down, from its `health/1` row or its
+  `BB.Message.Sensor.Status`.
+
+  `module` is the sensor's driver, whose `c:explain/1` formats the reason if it has a clause for
+  it.
 
       iex> BB.Sensor.explain(BB.Sensor.Mpu6050, {:no_answer, "i2c-1", 0x68})
       "no answer at 0x68 on i2c-1: check wiring and power"
@@ -88,30 +99,35 @@ defmodule BB.Sensor do
   def explain(module, reason), do: Reason.format(reason, module)
 
   @doc """
-  Says, in the sensor's own process, that it is well: it did what `max_silence` asks for.
+  Records a heartbeat of the calling sensor, which counts for `max_silence` as a message does.
 
-  For what publishes elsewhere than on its own path, as an outlet does. `time_ns` is the monotonic
-  time.
+  For a sensor that publishes elsewhere than on its own path, as an outlet does. `time_ns` is the
+  monotonic time. The sensor's own process calls it.
   """
   @spec beat(integer()) :: :ok
   def beat(time_ns \\ System.monotonic_time(:nanosecond)), do: Heartbeat.beat(time_ns)
 
   @doc """
-  Says, in the sensor's own process, that something is wrong although the sensor goes on.
+  Reports trouble of the calling sensor, which runs on.
 
-  The reason is the `last_error` of its `health/1` row then, and in the words of `c:explain/1` its
-  `error`; its state stays what it is. Say it once, not with each message.
+  The reason becomes the `last_error` of its `health/1` row, and `c:explain/1` formats it as
+  `error`; the state does not change. Report trouble once, not with each message. The sensor's own
+  process calls it.
   """
   @spec trouble(reason :: term()) :: :ok
   defdelegate trouble(reason), to: Server
 
-  @doc "How long the sensor of the calling process may be silent, in nanoseconds; `nil` for ever."
+  @doc """
+  Returns the `max_silence` of the calling sensor in nanoseconds, or `nil` when it has none.
+  """
   @spec max_silence_ns() :: pos_integer() | nil
   defdelegate max_silence_ns, to: Heartbeat
 
   @doc """
-  Says, in the sensor's own process, how many milliseconds its `terminate/2` may take, 5000 by
-  default: its end is waited for so long before it is killed.
+  Sets how many milliseconds `terminate/2` of the calling sensor may take before the sensor is
+  killed.
+
+  The default is 5000. The sensor's own process calls it.
   """
   @spec shut_down_within(non_neg_integer()) :: :ok
   defdelegate shut_down_within(ms), to: Heartbeat
@@ -122,14 +138,14 @@ defmodule BB.Sensor do
     do: PubSub.publish(robot, [:sensor | path], message)
 
   @doc """
-  A sensor's message in the space of its joint: through the sensor's transmission, whose fields may follow parameters. The
-  same message where there is no transmission.
+  Converts a sensor's message into the space of its joint, by the sensor's transmission.
 
-  `sensor_path` is that of `opts[:bb]`.
+  The fields of the transmission may refer to parameters. Without a transmission the message does
+  not change. `sensor_path` is the path of `opts[:bb]`.
   """
   @spec to_joint_space(module(), [atom(), ...], Message.t()) :: Message.t()
   def to_joint_space(robot, sensor_path, %Message{} = message) do
-    declared = attached(robot, List.last(sensor_path)).transmission
+    declared = attachment(robot, List.last(sensor_path)).transmission
 
     case Transmission.resolve(declared, &Parameter.get!(robot, &1)) do
       {:ok, transmission} -> Transmission.unapply_to_payload(message, transmission)
@@ -140,27 +156,28 @@ defmodule BB.Sensor do
   @doc """
   Publishes a `BB.Message.Sensor.JointState` on `[:sensor | path]`.
 
-  `opts` are its fields; `names` is `[frame_id]` when not given. The frame_id is the joint's name where the sensor is attached
-  to a joint, else the sensor's. Values are those that the sensor sees; they are published in the space of the joint
-  (`to_joint_space/3`). Fields that are wrong raise `BB.Options.ValidationError`.
+  `opts` are the fields of the payload; `:names` is `[frame_id]` by default. The frame_id is the
+  name of the joint to which the sensor is attached, or else the sensor's name. The values are
+  those that the sensor measures; they are published in the space of the joint
+  (`to_joint_space/3`). Wrong fields raise `BB.Options.ValidationError`.
   """
   @spec publish_joint_state(module(), [atom(), ...], keyword()) :: :ok
   def publish_joint_state(robot, path, opts) do
     name = List.last(path)
 
     frame_id =
-      with {:joint, joint} <- attached(robot, name).attached_to, do: joint, else: (_ -> name)
+      with {:joint, joint} <- attachment(robot, name).attached_to, do: joint, else: (_ -> name)
 
     message = Message.new!(JointState, frame_id, Keyword.put_new(opts, :names, [frame_id]))
     publish(%{robot: robot, path: path}, to_joint_space(robot, path, message))
   end
 
-  @nowhere %{attached_to: nil, transmission: nil}
+  @unattached %{attached_to: nil, transmission: nil}
 
   # A driver's test need not have a robot.
-  defp attached(robot, name) do
+  defp attachment(robot, name) do
     if Code.ensure_loaded?(robot) and function_exported?(robot, :robot, 0),
-      do: Map.get(robot.robot().sensors, name, @nowhere),
-      else: @nowhere
+      do: Map.get(robot.robot().sensors, name, @unattached),
+      else: @unattached
   end
 end

@@ -1,9 +1,17 @@
 defmodule BB.Actuator.ActuatorProfile do
   @moduledoc """
-  What an actuator's place on the robot means for it, given to `init` as `opts[:actuator_profile]`.
+  The place of an actuator on its robot: its joint and its transmission.
 
-    * `:joint_name` - the joint that it moves
-    * `:transmission` - what is between the motor and the joint, a `BB.Transmission`; `nil` when it moves the joint itself
+  The driver's `init/1` receives it as an option:
+
+      def init(opts) do
+        %BB.Actuator.ActuatorProfile{joint_name: joint} = opts[:actuator_profile]
+        {:ok, %{joint: joint}}
+      end
+
+    * `:joint_name` - the joint that the actuator moves
+    * `:transmission` - the gears between the motor and the joint, a `BB.Transmission`; `nil` when
+      the actuator moves the joint itself
   """
 
   defstruct [:joint_name, :transmission]

@@ -34,17 +34,25 @@ defmodule BB.Sensor.Conformance do
 
   ## Tests
 
-  | the driver | how it is tested |
-  |---|---|
-  | identifies its chip and refuses another | with `other_device` in the chip's place the driver is down, explains why, and publishes nothing; with its own chip it is up |
-  | starts without its device | the driver is down and explains why, and is up when the device is present; on GPIO another program has its lines |
-  | reports each fault once, and clears it | one status and one alarm while the fault lasts, however often the driver is restarted; one status, and no alarm, when it is over |
-  | never publishes an old reading as new | no message between the beginning of a fault (of a line, which always has a level: its report) and its end; the first message after it was measured after it |
-  | survives unplug and replug | the same for pulled wires: the driver is up again, and publishes |
-  | honours `handle_options` | parameters change to `new_options`: the same process continues, at its new rate |
-  | keeps its rate | in a minute of stepped time (`BB.Clock.Stepped`) the driver publishes as often as its `rate/1` declares, to one in a thousand |
-  | releases its bus | after the robot has stopped, the bus is closed; after the driver's process was killed, it is opened again |
-  | stops in time | while the bus is stuck the driver stops by itself, before its keeper kills it |
+  The driver
+
+    * identifies its chip and refuses another: with `other_device` in the chip's place the driver
+      is down, explains why, and publishes nothing; with its own chip it is up
+    * starts without its device: the driver is down and explains why, and is up when the device is
+      present; on GPIO another program has its lines
+    * reports each fault once, and clears it: one status and one alarm while the fault lasts,
+      however often the driver is restarted; one status, and no alarm, when it is over
+    * never publishes an old reading as new: no message between the beginning of a fault (of a
+      line, which always has a level: its report) and its end; the first message after it was
+      measured after it
+    * survives unplug and replug: the same for pulled wires; the driver is up again, and publishes
+    * honours `handle_options`: parameters change to `new_options`; the same process continues, at
+      its new rate
+    * keeps its rate: in a minute of stepped time (`BB.Clock.Stepped`) the driver publishes as
+      often as its `rate/1` declares, to one in a thousand
+    * releases its bus: after the robot has stopped, the bus is closed; after the driver's process
+      was killed, it is opened again
+    * stops in time: while the bus is stuck the driver stops by itself, before its keeper kills it
 
   A failure raises `BB.Sensor.Conformance.Failure` with a sentence that says what was observed.
 

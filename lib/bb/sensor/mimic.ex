@@ -3,39 +3,45 @@ defmodule BB.Sensor.Mimic do
              source: [
                type: {:or, [:atom, {:list, :atom}]},
                required: true,
-               doc:
-                 "The other sensor: its name, or its path as `[:base_link, :shoulder, :encoder]`."
+               doc: """
+               The other sensor: its name, or its path, such as \
+               `[:base_link, :shoulder, :encoder]`.
+               """
              ],
              multiplier: [
                type: :float,
                default: 1.0,
-               doc: "How far this joint moves when the other moves by one."
+               doc: "The motion of this joint for a motion of the other by one."
              ],
              offset: [
                type: :float,
                default: 0.0,
-               doc: "Where this joint is when the other is at zero, in rad or m."
+               doc: "The position of this joint when the other is at zero, in rad or m."
              ],
              message_types: [
                type: {:list, :atom},
                default: [BB.Message.Sensor.JointState],
-               doc: "The payloads of the other sensor that are taken over."
+               doc: "The payloads of the other sensor that are published."
              ]
            )
 
   @moduledoc """
-  The state of a joint that moves with another, from the other's sensor: the second finger of a gripper, the far end of a belt.
+  A sensor that derives the state of a joint from the sensor of another joint.
+
+  Declare it for a joint that moves with another, such as the second finger of a gripper or the
+  far end of a belt:
 
       joint :right_finger do
         sensor :right, {BB.Sensor.Mimic, source: :left, multiplier: -1.0}
       end
 
-  For each `BB.Message.Sensor.JointState` of the source it publishes one of its own joint, of the same moment: positions are
-  multiplied and offset, velocities multiplied. Efforts are left out: what one joint of a pair bears says nothing of the other.
-  When the source publishes several joints at once, its own counts, or the first. A payload of another type is published as it
-  is, with this sensor's frame_id.
+  For each `BB.Message.Sensor.JointState` of the source it publishes one of its own joint, with
+  the same time: positions are multiplied and offset, velocities are multiplied. Efforts are left
+  out, since the load on one joint of a pair does not determine the load on the other. When the
+  source publishes several joints at once, the source's own joint counts, or the first. A payload
+  of another type is published unchanged, with this sensor's frame_id.
 
-  It has no clock of its own, and is silent when its source is.
+  The sensor has no clock of its own, and is silent when its source is silent.
 
   ## Options
 
@@ -51,7 +57,7 @@ defmodule BB.Sensor.Mimic do
   def init(opts) do
     bb = opts[:bb]
 
-    with {:ok, path} <- source(bb.robot, opts[:source]) do
+    with {:ok, path} <- source_path(bb.robot, opts[:source]) do
       {:ok, _} = PubSub.subscribe(bb.robot, [:sensor | path], message_types: opts[:message_types])
       {:ok, %{bb: bb, source: [:sensor | path], name: name(opts), coupling: coupling(opts)}}
     else
@@ -63,10 +69,7 @@ defmodule BB.Sensor.Mimic do
   def handle_options(opts, state) do
     PubSub.unsubscribe(state.bb.robot, state.source)
 
-    case init(opts) do
-      {:stop, reason} -> {:stop, reason}
-      {:ok, state} -> {:ok, state}
-    end
+    init(opts)
   end
 
   @impl BB.Sensor
@@ -87,8 +90,8 @@ defmodule BB.Sensor.Mimic do
 
     payload = %JointState{
       names: [name],
-      positions: at(state.positions, index, &(multiplier * &1 + offset)),
-      velocities: at(state.velocities, index, &(multiplier * &1))
+      positions: convert(state.positions, index, &(multiplier * &1 + offset)),
+      velocities: convert(state.velocities, index, &(multiplier * &1))
     }
 
     %{message | frame_id: name, payload: payload}
@@ -96,17 +99,17 @@ defmodule BB.Sensor.Mimic do
 
   def imitate(message, name, _coupling), do: %{message | frame_id: name}
 
-  # What the source does not know, or what is no plain number, is not known here either.
-  defp at(values, index, change) do
+  # A value that the source lacks, or that is no plain number, is left out.
+  defp convert(values, index, change) do
     case Enum.at(values, index) do
       value when is_number(value) -> [change.(value)]
       _ -> []
     end
   end
 
-  defp source(_robot, [_ | _] = path), do: {:ok, path}
+  defp source_path(_robot, [_ | _] = path), do: {:ok, path}
 
-  defp source(robot, name) do
+  defp source_path(robot, name) do
     case BB.Robot.fetch_component(robot.robot(), name) do
       {:ok, %{kind: BB.Sensor, path: path}} -> {:ok, path}
       _ -> :error

@@ -1,9 +1,17 @@
 defmodule BB.Sensor.SensorProfile do
   @moduledoc """
-  What a sensor's place on the robot means for it, given to `init` as `opts[:sensor_profile]`.
+  The place of a sensor on its robot: its joint and its transmission.
 
-    * `:joint_name` - the joint it is attached to, `nil` elsewhere
-    * `:transmission` - what is between the sensor and the joint, a `BB.Transmission`; `nil` when it measures the joint itself
+  The driver's `init/1` receives it as an option:
+
+      def init(opts) do
+        %BB.Sensor.SensorProfile{joint_name: joint} = opts[:sensor_profile]
+        {:ok, %{joint: joint}}
+      end
+
+    * `:joint_name` - the joint to which the sensor is attached, or `nil`
+    * `:transmission` - the gears between the sensor and the joint, a `BB.Transmission`; `nil`
+      when the sensor measures the joint itself
   """
 
   defstruct [:joint_name, :transmission]

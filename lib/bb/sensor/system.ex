@@ -6,23 +6,28 @@ defmodule BB.Sensor.System do
               thermal_zone: [
                 type: {:or, [:string, nil]},
                 default: nil,
-                doc:
-                  "The type of the thermal zone whose temperature counts, as `/sys/class/thermal/thermal_zone*/type` has it. When `nil`, the processor's: " <>
-                    "`cpu-thermal`, `cpu_thermal`, `soc-thermal`, `x86_pkg_temp` or `coretemp`, or else the first."
+                doc: """
+                The type of the thermal zone to read, as in \
+                `/sys/class/thermal/thermal_zone*/type`. `nil` is the processor's zone: \
+                `cpu-thermal`, `cpu_thermal`, `soc-thermal`, `x86_pkg_temp` or `coretemp`, or \
+                else the first zone.
+                """
               ],
               root: [
                 type: :string,
                 default: "/",
-                doc: "The folder in which `proc` and `sys` are; another one in tests."
+                doc: "The folder that contains `proc` and `sys`; tests set another one."
               ]
             ]
 
   @moduledoc """
-  The computer that the robot runs on: processor temperature and throttling, memory, load, from the kernel's files.
+  A sensor of the robot's computer: temperature and throttling of the processor, memory, and load.
+
+  Declare it to see a computer that is hot, throttled or out of memory:
 
       sensor :board, BB.Sensor.System
 
-  Publishes `BB.Message.System.Status`.
+  It publishes `BB.Message.System.Status`.
 
   ## Options
 
@@ -30,16 +35,16 @@ defmodule BB.Sensor.System do
 
   ## Files
 
-  | file | gives |
+  | file | value |
   |---|---|
   | `/proc/meminfo` | total and available memory |
   | `/proc/loadavg` | load |
   | `/sys/devices/system/cpu/online` | processors |
-  | `/sys/class/thermal/thermal_zone*/temp` | temperature, where there is one |
+  | `/sys/class/thermal/thermal_zone*/temp` | temperature, if the board has a zone |
   | `/sys/devices/platform/soc/soc:firmware/get_throttled` | throttling, on a Raspberry Pi |
 
-  What is there when the sensor starts is read with each message. A file that then fails is a failed reading (`BB.Sensor.Polled`), not a
-  missing value.
+  The sensor reads the files that exist when it starts for each message. A file that fails later
+  is a failed reading (`BB.Sensor.Polled`), not a missing value.
   """
 
   use Polled, options_schema: @schema
@@ -49,13 +54,14 @@ defmodule BB.Sensor.System do
   alias BB.Sensor.System.Parser
 
   @thermal "sys/class/thermal"
-  # The name of the soc has its address on newer boards.
+  # On newer boards the name of the soc includes its address.
   @throttling "sys/devices/platform/soc*/soc*firmware/get_throttled"
   @processor_zones ~w(cpu-thermal cpu_thermal soc-thermal x86_pkg_temp coretemp)
 
   @typedoc """
-  Why the sensor does not work: a file that could not be read, with the error of `File.read/1`; one that says something unexpected; a
-  thermal zone that was asked for and is not there, and those that are.
+  The reason of a failure: a file that could not be read, with the error of `File.read/1`; a file
+  of an unexpected format, with its text; or a thermal zone that does not exist, with the types of
+  those that do.
   """
   @type reason ::
           {:unreadable, Path.t(), File.posix()}
@@ -63,12 +69,12 @@ defmodule BB.Sensor.System do
           | {:no_thermal_zone, String.t(), [String.t()]}
 
   @doc """
-  A reason in a sentence that says what to look at.
+  Formats a reason as a sentence that says what to check.
 
       iex> BB.Sensor.System.explain({:unreadable, "/proc/meminfo", :enoent})
       "/proc/meminfo cannot be read: no such file or directory"
       iex> BB.Sensor.System.explain({:no_thermal_zone, "gpu", ["cpu-thermal"]})
-      "there is no thermal zone of type gpu: there are cpu-thermal"
+      "thermal zone gpu does not exist: the board has cpu-thermal"
   """
   @impl BB.Sensor
   @spec explain(reason()) :: String.t()
@@ -76,62 +82,64 @@ defmodule BB.Sensor.System do
     do: "#{path} cannot be read: #{:file.format_error(posix)}"
 
   def explain({:unexpected, path, text}),
-    do: "#{path} says something unexpected: #{inspect(text, printable_limit: 80)}"
+    do: "#{path} has an unexpected format: #{inspect(text, printable_limit: 80)}"
 
   def explain({:no_thermal_zone, type, []}),
-    do: "there is no thermal zone of type #{type}: there is none at all"
+    do: "thermal zone #{type} does not exist: the board has none"
 
   def explain({:no_thermal_zone, type, types}),
-    do: "there is no thermal zone of type #{type}: there are #{Enum.join(types, ", ")}"
+    do: "thermal zone #{type} does not exist: the board has #{Enum.join(types, ", ")}"
 
   @impl Polled
   def open(opts) do
     root = opts[:root]
 
-    with {:ok, thermal} <- thermal(root, opts[:thermal_zone]) do
+    with {:ok, thermal} <- thermal_files(root, opts[:thermal_zone]) do
       files =
         [
           {Path.join(root, "proc/meminfo"), &Parser.memory/1},
           {Path.join(root, "proc/loadavg"), &Parser.load/1},
           {Path.join(root, "sys/devices/system/cpu/online"), &Parser.processors/1}
-        ] ++ thermal ++ throttling(root)
+        ] ++ thermal ++ throttling_files(root)
 
-      # What cannot be read at all is the start's fault.
+      # A file that cannot be read from the start keeps the sensor down.
       with {:ok, _status, files} <- measure(files, 0), do: {:ok, files}
     end
   end
 
-  defp throttling(root) do
+  defp throttling_files(root) do
     for path <- root |> Path.join(@throttling) |> Path.wildcard() |> Enum.take(1),
         do: {path, &Parser.throttling/1}
   end
 
-  # Zones are read in their order: 2 before 10.
-  defp thermal(root, wanted) do
+  # The order of the zones is by number: 2 before 10.
+  defp thermal_files(root, wanted) do
     zones =
       [root, @thermal, "thermal_zone*"]
       |> Path.join()
       |> Path.wildcard()
       |> Enum.sort_by(&{byte_size(&1), &1})
-      |> Enum.map(fn zone -> {type(zone), [{Path.join(zone, "temp"), &Parser.temperature/1}]} end)
+      |> Enum.map(fn zone ->
+        {read_type(zone), [{Path.join(zone, "temp"), &Parser.temperature/1}]}
+      end)
 
-    choose(zones, wanted)
+    choose_zone(zones, wanted)
   end
 
-  defp type(zone) do
+  defp read_type(zone) do
     case File.read(Path.join(zone, "type")) do
       {:ok, type} -> String.trim(type)
       {:error, _posix} -> ""
     end
   end
 
-  defp choose([], nil), do: {:ok, []}
+  defp choose_zone([], nil), do: {:ok, []}
 
-  defp choose([{_type, first} | _] = zones, nil) do
+  defp choose_zone([{_type, first} | _] = zones, nil) do
     {:ok, Enum.find_value(@processor_zones, first, fn type -> find(zones, type) end)}
   end
 
-  defp choose(zones, wanted) do
+  defp choose_zone(zones, wanted) do
     case find(zones, wanted) do
       nil -> {:error, {:no_thermal_zone, wanted, Enum.map(zones, &elem(&1, 0))}}
       files -> {:ok, files}
