@@ -1,9 +1,10 @@
 defmodule BB.Ring do
   @moduledoc """
-  Shared-memory topics between the BEAM and native processes.
+  Topics in shared memory, between the BEAM and native processes.
 
-  A topic is a ring of slots in `/dev/shm/conduit_<topic>` with one publisher and up to sixteen subscribers, in any process and
-  language. `BB.Ring.Publisher` writes one, `BB.Ring.Subscriber` reads one.
+  Use the ring for large or frequent messages to or from a program in another language. A topic is
+  a ring of slots in `/dev/shm/conduit_<topic>` with one publisher and up to sixteen subscribers,
+  in any process and language. `BB.Ring.Publisher` writes a topic, `BB.Ring.Subscriber` reads it.
 
       {:ok, publisher} = BB.Ring.Publisher.open("scan", slot_count: 16, slot_size: 4096)
       {:ok, subscriber} = BB.Ring.Subscriber.open("scan", active: true)
@@ -13,51 +14,59 @@ defmodule BB.Ring do
         {:bb_ring, ref, %BB.Ring.Message{data: "hello"}} when ref == subscriber.ref -> :ok
       end
 
-  What to rely on:
+  ## Guarantees
 
-    * **A publisher never waits for a reader.** A reader that falls behind by more than the ring holds loses the oldest messages,
-      and each message that it gets says how many were lost before it (`lost`).
-    * **No message is ever torn**, and none that was half-written when its publisher was killed is ever seen.
-    * **A publisher that dies** leaves its topic behind. The next one goes on in place, with the next sequence number; subscribers
-      of any language stay attached.
-    * **Nothing here blocks a scheduler**, and nothing that another process writes into the ring can crash the VM.
+    * **A publisher never waits for a reader.** A reader that falls behind by more than the ring
+      holds loses the oldest messages, and the field `lost` of each message counts those lost
+      before it.
+    * **No message is torn.** A message that was half-written when its publisher was killed is
+      never delivered.
+    * **A topic outlives its publisher.** The next publisher continues in place, with the next
+      sequence number, and subscribers of any language stay attached.
+    * **No call blocks a scheduler**, and no bytes that another process writes into the ring can
+      crash the VM.
 
-  Not for many small topics that only BEAM processes use: `BB.PubSub` does that without a copy into shared memory. Not for
-  messages that must not be lost: a ring keeps the newest, not all.
+  ## When not to use it
+
+  For small topics that only BEAM processes use, `BB.PubSub` needs no copy into shared memory. For
+  messages that must not be lost, use a queue: a ring keeps the newest messages, not all.
 
   ## Other users' files
 
-  Whoever owns a file can cut it off at any moment, which ends every program that has it mapped, and anyone can make a file
-  in `/dev/shm` under the name of a topic. So a file of another user is never mapped: a publisher refuses it, a subscriber
-  reads it guarded (see `BB.Ring.Subscriber`), and `info/1` maps nothing at all. Native programs that run as users of their
-  own are trusted by name or number:
+  The owner of a file can truncate it at any moment, which kills every program that has it mapped,
+  and any user can create a file in `/dev/shm` under the name of a topic. So a file of another
+  user is never mapped: a publisher refuses it, a subscriber reads it guarded
+  (`BB.Ring.Subscriber`), and `info/1` maps no file. Native programs that run as other users are
+  trusted by name or number:
 
       config :ganglion, BB.Ring, trusted_users: ["vision", 1001], trusted_groups: ["robot"]
 
-  They in turn trust the user of the VM by their environment: `CONDUIT_RING_TRUSTED_UIDS=0`, which the VM reads too. It and
-  `CONDUIT_RING_TRUSTED_GIDS` list numbers or names with commas between.
+  These programs trust the user of the VM by their environment, such as
+  `CONDUIT_RING_TRUSTED_UIDS=0`. `CONDUIT_RING_TRUSTED_UIDS` and `CONDUIT_RING_TRUSTED_GIDS` are
+  lists of numbers or names, separated by commas. The VM reads them too.
 
   ## Errors
 
-  A topic's name is 1 to 200 characters out of `A-Z a-z 0-9 _ . -`. Topics that others made by other rules ("cam 1", "front:rgb") can
-  be read and looked at, not published.
+  A topic's name is 1 to 200 characters out of `A-Z a-z 0-9 _ . -`. A topic of another name, which
+  a program with other rules has made ("cam 1", "front:rgb"), can be read, but not published.
 
-  A wrong topic name or option raises `ArgumentError` or `BB.Options.ValidationError`. The system's trouble is
-  `{:error, reason}`; `format_error/1` puts it into words:
+  A wrong topic name or option raises `ArgumentError` or `BB.Options.ValidationError`. A failure
+  of the system returns `{:error, reason}`, which `format_error/1` formats:
 
   | reason | meaning |
   |---|---|
-  | `{:publisher_alive, os_pid}` | the topic has a live publisher; `os_pid` is 0 when it did not leave its number |
-  | `{:legacy_topic, path}` | the file was made by a publisher without our extension, and may be in use |
-  | `{:foreign_owner, path, uid, name}` | the file belongs to another user who is not trusted; `name` is nil when there is none |
+  | `{:publisher_alive, os_pid}` | the topic has a live publisher; `os_pid` is 0 when its number is unknown |
+  | `{:legacy_topic, path}` | a publisher without our extension made the file, which may be in use |
+  | `{:foreign_owner, path, uid, name}` | the file belongs to a user who is not trusted; `name` may be nil |
   | `{:not_a_ring, path, text}` | the file is no ring, or a broken one |
-  | `{:no_topic, path}` | there is no such topic (only `info/1` says so: a subscriber waits for it) |
+  | `{:no_topic, path}` | the topic does not exist (only from `info/1`; a subscriber waits for it) |
   | `{:no_reader_slot, path}` | sixteen subscribers are attached already |
-  | `{:system, path, operation, errno}` | the operating system refused `operation`; `errno` as a number, see `BB.Errno` |
-  | `{:other_content, tag}` | the topic's messages have another content than a subscriber takes; 0 where the topic names none |
-  | `:closed` | the publisher or subscriber was closed, or its owner has died |
+  | `{:system, path, operation, errno}` | the operating system refused `operation`; `errno` is a number (`BB.Errno`) |
+  | `{:thread, text}` | the operating system refused to start a thread |
+  | `{:other_content, tag}` | the topic has another content than the subscriber's; 0 for no content |
+  | `:closed` | the publisher or subscriber was closed, or its owner has exited |
   | `:message_too_large` | the message is longer than the topic's slots |
-  | `:slot_held` | subscribers hold all slots, so that this message was dropped |
+  | `:slot_held` | subscribers hold all slots, and the message was dropped |
   """
 
   alias BB.Ring.{Native, Trust}
@@ -65,7 +74,7 @@ defmodule BB.Ring do
   # ENOSPC
   @no_space 28
 
-  @typedoc "Why the system refused."
+  @typedoc "The reason of an error; the table above explains each."
   @type reason ::
           {:publisher_alive, os_pid :: non_neg_integer()}
           | {:legacy_topic, Path.t()}
@@ -81,8 +90,10 @@ defmodule BB.Ring do
           | :slot_held
 
   @typedoc """
-  A topic as it stands. `published` is the number of messages so far, and so the next sequence number; `readers` are the subscribers
-  attached now, with what each has lost.
+  The state of a topic.
+
+  `published` is the number of messages so far, and so the next sequence number. `readers` are the
+  subscribers that are attached now.
   """
   @type info :: %{
           topic: String.t(),
@@ -101,9 +112,14 @@ defmodule BB.Ring do
         }
 
   @typedoc """
-  A subscriber that is attached now. One that is not `native` is a legacy peer, of which only `index` and `next_sequence` are known; one that
-  is not `alive` was killed, and its place goes to the next that needs it. `leases` is how many messages it holds in their slots now,
-  and `held` their sequence numbers: one that is `slot_count` behind `published` or more costs the topic one number in each lap.
+  A subscriber that is attached to a topic.
+
+    * `native` - whether it has our extension; of one without, only `index` and `next_sequence`
+      are known
+    * `alive` - `false` when it was killed; its place goes to the next subscriber that needs one
+    * `leases`, `held` - how many messages it holds in their slots now, and their sequence
+      numbers. A held message that is `slot_count` or more behind `published` costs the topic one
+      number in each lap
   """
   @type reader :: %{
           index: 0..15,
@@ -116,7 +132,7 @@ defmodule BB.Ring do
           held: [non_neg_integer()]
         }
 
-  @doc "Looks at a topic without attaching to it."
+  @doc "Returns the state of a topic without attaching to it."
   @spec info(String.t()) :: {:ok, info()} | {:error, reason()}
   def info(topic) do
     topic = check_found_topic!(topic)
@@ -125,7 +141,7 @@ defmodule BB.Ring do
   end
 
   @doc """
-  The content tag of an encoding's name, as a topic carries it.
+  Returns the content tag of an encoding's name, as a topic carries it.
 
       iex> BB.Ring.content_tag("sensor_msgs/msg/Imu") == BB.Ring.content_tag("my_msgs/msg/Imu")
       false
@@ -133,17 +149,28 @@ defmodule BB.Ring do
   @spec content_tag(String.t()) :: non_neg_integer()
   def content_tag(name) when is_binary(name), do: Native.content_tag(name)
 
-  @doc "Now on the ring's clock (CLOCK_MONOTONIC_RAW), in nanoseconds: comparable with any message's `timestamp_ns`."
+  @doc """
+  Returns the time of the ring's clock (CLOCK_MONOTONIC_RAW) in nanoseconds.
+
+  It is comparable with the `timestamp_ns` of any message.
+  """
   @spec now_ns() :: non_neg_integer()
   def now_ns, do: Native.now_ns()
 
-  @doc "The Erlang monotonic time, in nanoseconds, at which the ring's clock showed `timestamp_ns`."
+  @doc """
+  Converts a time of the ring's clock to Erlang's monotonic time, both in nanoseconds.
+  """
   @spec to_monotonic_time(non_neg_integer()) :: integer()
   def to_monotonic_time(timestamp_ns) do
     System.monotonic_time(:nanosecond) - (Native.now_ns() - timestamp_ns)
   end
 
-  @doc "A reason in words."
+  @doc """
+  Formats the reason of an error.
+
+      iex> BB.Ring.format_error(:message_too_large)
+      "the message is longer than a slot of the topic"
+  """
   @spec format_error(term()) :: String.t()
   def format_error({:publisher_alive, 0}), do: "the topic has a live publisher"
   def format_error({:publisher_alive, pid}), do: "the topic has a live publisher (process #{pid})"
@@ -154,32 +181,32 @@ defmodule BB.Ring do
   def format_error({:foreign_owner, path, uid, name}) do
     owner = if name, do: "#{uid} (#{name})", else: "#{uid}"
 
-    "#{path} belongs to user #{owner}, who is not trusted: remove the file, publish as that user, or " <>
-      "trust the user: config :ganglion, BB.Ring, trusted_users: [#{uid}]"
+    "#{path} belongs to user #{owner}, who is not trusted: remove the file, publish as that " <>
+      "user, or trust the user: config :ganglion, BB.Ring, trusted_users: [#{uid}]"
   end
 
   def format_error({:not_a_ring, path, text}), do: "#{path} is not a usable ring: #{text}"
-  def format_error({:no_topic, path}), do: "#{path}: there is no such topic"
+  def format_error({:no_topic, path}), do: "topic #{path} does not exist"
 
   def format_error({:no_reader_slot, path}),
-    do: "#{path} has 16 subscribers already, which is all it can have"
+    do: "#{path} has 16 subscribers, and no place for another"
 
   def format_error({:system, path, operation, @no_space}),
     do:
       "#{path}: #{operation} failed: no space left in #{Path.dirname(path)}; " <>
-        "remove topics that nobody uses, or mount it with a larger size"
+        "remove topics that are not in use, or mount it with a larger size"
 
   def format_error({:system, path, operation, errno}),
     do: "#{path}: #{operation} failed: #{BB.Errno.message(errno)}"
 
   def format_error({:other_content, 0}),
-    do: "the topic does not say what its messages are (it has no content tag)"
+    do: "the topic has no content tag"
 
   def format_error({:other_content, tag}),
-    do: "the topic has messages of another kind: its content tag is #{hex(tag)}"
+    do: "the topic has messages of another content: its content tag is #{hex(tag)}"
 
-  def format_error({:thread, text}), do: "no thread could be started: #{text}"
-  def format_error(:closed), do: "it is closed"
+  def format_error({:thread, text}), do: "could not start a thread: #{text}"
+  def format_error(:closed), do: "the publisher or subscriber is closed"
   def format_error(:message_too_large), do: "the message is longer than a slot of the topic"
   def format_error(:slot_held), do: "subscribers hold all slots of the topic"
   def format_error(reason), do: inspect(reason)

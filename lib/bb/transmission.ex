@@ -1,6 +1,10 @@
 defmodule BB.Transmission do
   @moduledoc """
-  What is between a joint and the motor or encoder at it: gears, an offset, a direction. Pure.
+  The transmission between a joint and its motor or encoder: a reduction, an offset and a
+  direction.
+
+  Declare it in a sensor or an actuator, and convert numbers or whole messages by the functions of
+  this module. The module is pure.
 
       sensor :encoder, {BB.Sensor.As5600, bus: "i2c-1"} do
         transmission do
@@ -10,9 +14,10 @@ defmodule BB.Transmission do
         end
       end
 
-    * `:reduction` - motor turns per joint turn, above zero (`1.0`)
-    * `:offset` - where the joint is when the motor is at zero; rad, or m of a prismatic joint (`0.0`)
-    * `:reversed?` - whether the motor turns the other way (`false`)
+    * `:reduction` - the turns of the motor for one turn of the joint, above zero (`1.0`)
+    * `:offset` - the position of the joint when the motor is at zero, in rad, or in m for a
+      prismatic joint (`0.0`)
+    * `:reversed?` - whether the motor turns in the other direction (`false`)
 
   With s = -1 when reversed, else 1, and r the reduction:
 
@@ -22,8 +27,8 @@ defmodule BB.Transmission do
   | rate: speed, acceleration | s · r · joint | s · motor / r |
   | effort | s · joint / r | s · r · motor |
 
-  "motor" stands for the sensor's side as well. `apply_*` goes from joint to motor, `unapply_*` back. `nil` is no transmission, and
-  changes nothing.
+  "motor" includes the sensor's side. `apply_*` converts from joint to motor, `unapply_*` back.
+  `nil` is no transmission, and changes nothing.
   """
 
   alias BB.Message
@@ -36,7 +41,7 @@ defmodule BB.Transmission do
 
   @type t :: %{reduction: float(), offset: float(), reversed?: boolean()}
 
-  @typedoc "As a robot's module has it: fields that follow a parameter are references."
+  @typedoc "A transmission as declared, whose fields may be references to parameters."
   @type declared :: %{
           reduction: float() | Reference.t(),
           offset: float() | Reference.t(),
@@ -46,7 +51,7 @@ defmodule BB.Transmission do
   @default %{reduction: 1.0, offset: 0.0, reversed?: false}
 
   @doc """
-  A transmission of the fields given, with plain numbers in SI units.
+  Returns a transmission with the given fields, as plain numbers in SI units.
 
       iex> import BB.Unit
       iex> BB.Transmission.new(reduction: 2, offset: ~u(1 centimeter))
@@ -54,15 +59,17 @@ defmodule BB.Transmission do
   """
   @spec new(Enumerable.t()) :: declared()
   def new(fields),
-    do: Enum.reduce(fields, @default, fn {key, value}, t -> %{t | key => plain(value)} end)
+    do: Enum.reduce(fields, @default, fn {key, value}, t -> %{t | key => to_si(value)} end)
 
-  defp plain(%Unit{} = quantity), do: Unit.to_si(quantity)
-  defp plain(number) when is_number(number), do: number / 1
-  defp plain(other), do: other
+  defp to_si(%Unit{} = quantity), do: Unit.to_si(quantity)
+  defp to_si(number) when is_number(number), do: number / 1
+  defp to_si(other), do: other
 
   @doc """
-  A declared transmission with values in the place of its references, looked up by `value`: `{:ok, transmission}`, or the error when a
-  value is not what a transmission can have.
+  Replaces the references of a declared transmission by their values.
+
+  `value` returns the value of a parameter's path. A value that a transmission cannot have is an
+  error.
 
       iex> import BB.Parameter.Reference
       iex> declared = BB.Transmission.new(reduction: param([:gear]))
@@ -70,7 +77,8 @@ defmodule BB.Transmission do
       {:ok, %{reduction: 3.0, offset: 0.0, reversed?: false}}
       iex> {:error, error} = BB.Transmission.resolve(declared, fn [:gear] -> 0.0 end)
       iex> Exception.message(error)
-      "invalid value for :reduction option: expected a number above zero, got: 0.0 (in options [:transmission])"
+      "invalid value for :reduction option: expected a number above zero, got: 0.0 " <>
+        "(in options [:transmission])"
   """
   @spec resolve(declared() | nil, (BB.Parameter.path() -> term())) ::
           {:ok, t() | nil} | {:error, ValidationError.t()}
@@ -99,7 +107,7 @@ defmodule BB.Transmission do
   # One number
 
   @doc """
-  A joint's position as the motor's.
+  Converts a joint's position to the motor's.
 
       iex> BB.Transmission.apply_position(1.5, %{reduction: 10.0, offset: 0.5, reversed?: true})
       -10.0
@@ -109,9 +117,10 @@ defmodule BB.Transmission do
   def apply_position(joint, t), do: sign(t) * t.reduction * (joint - t.offset)
 
   @doc """
-  A motor's position as the joint's.
+  Converts a motor's position to the joint's.
 
-      iex> BB.Transmission.unapply_position(-10.0, %{reduction: 10.0, offset: 0.5, reversed?: true})
+      iex> transmission = %{reduction: 10.0, offset: 0.5, reversed?: true}
+      iex> BB.Transmission.unapply_position(-10.0, transmission)
       1.5
   """
   @spec unapply_position(float(), t() | nil) :: float()
@@ -119,7 +128,7 @@ defmodule BB.Transmission do
   def unapply_position(motor, t), do: sign(t) * motor / t.reduction + t.offset
 
   @doc """
-  A joint's speed or acceleration as the motor's.
+  Converts a joint's speed or acceleration to the motor's.
 
       iex> BB.Transmission.apply_rate(2.0, %{reduction: 10.0, offset: 0.5, reversed?: false})
       20.0
@@ -128,13 +137,13 @@ defmodule BB.Transmission do
   def apply_rate(joint, nil), do: joint
   def apply_rate(joint, t), do: sign(t) * t.reduction * joint
 
-  @doc "A motor's speed or acceleration as the joint's."
+  @doc "Converts a motor's speed or acceleration to the joint's."
   @spec unapply_rate(float(), t() | nil) :: float()
   def unapply_rate(motor, nil), do: motor
   def unapply_rate(motor, t), do: sign(t) * motor / t.reduction
 
   @doc """
-  A joint's torque or force as the motor's.
+  Converts a joint's torque or force to the motor's.
 
       iex> BB.Transmission.apply_effort(2.0, %{reduction: 10.0, offset: 0.5, reversed?: true})
       -0.2
@@ -143,7 +152,7 @@ defmodule BB.Transmission do
   def apply_effort(joint, nil), do: joint
   def apply_effort(joint, t), do: sign(t) * joint / t.reduction
 
-  @doc "A motor's torque or force as the joint's."
+  @doc "Converts a motor's torque or force to the joint's."
   @spec unapply_effort(float(), t() | nil) :: float()
   def unapply_effort(motor, nil), do: motor
   def unapply_effort(motor, t), do: sign(t) * t.reduction * motor
@@ -151,8 +160,9 @@ defmodule BB.Transmission do
   # Messages
 
   @doc """
-  A command in joint space as the motor's: a message, or its payload alone. Commands without numbers of the joint's are not changed,
-  nor is anything that is no command.
+  Converts a command from joint space to the motor's: a message, or its payload alone.
+
+  A command without numbers of the joint, and a payload that is no command, do not change.
   """
   @spec apply_to_command(message, t() | nil) :: message when message: Message.t() | struct()
   def apply_to_command(message, nil), do: message
@@ -162,16 +172,18 @@ defmodule BB.Transmission do
 
   def apply_to_command(%{__struct__: type} = payload, t)
       when type in [Position, Velocity, Effort],
-      do: commanded(payload, t)
+      do: convert_command(payload, t)
 
   def apply_to_command(%{__struct__: Trajectory, waypoints: waypoints} = payload, t),
-    do: %{payload | waypoints: Enum.map(waypoints, &commanded(&1, t))}
+    do: %{payload | waypoints: Enum.map(waypoints, &convert_command(&1, t))}
 
   def apply_to_command(payload, _t), do: payload
 
   @doc """
-  What a motor's side reports, in joint space: a message, or its payload alone. Joint states point by point, the rates of a
-  `BeginMotion` as magnitudes; others are not changed, nor are values of joints that move in the plane or freely.
+  Converts a report from the motor's side into joint space: a message, or its payload alone.
+
+  It converts the values of a `JointState` one by one, and the rates of a `BeginMotion` as
+  magnitudes. Other payloads do not change, nor do values of planar and floating joints.
   """
   @spec unapply_to_payload(message, t() | nil) :: message when message: Message.t() | struct()
   def unapply_to_payload(message, nil), do: message
@@ -182,51 +194,51 @@ defmodule BB.Transmission do
   def unapply_to_payload(%JointState{} = state, t) do
     %{
       state
-      | positions: numbers(state.positions, t, &unapply_position/2),
-        velocities: numbers(state.velocities, t, &unapply_rate/2),
-        efforts: numbers(state.efforts, t, &unapply_effort/2)
+      | positions: map_numbers(state.positions, t, &unapply_position/2),
+        velocities: map_numbers(state.velocities, t, &unapply_rate/2),
+        efforts: map_numbers(state.efforts, t, &unapply_effort/2)
     }
   end
 
   def unapply_to_payload(%{__struct__: BeginMotion} = motion, t) do
     motion
-    |> change([:initial_position, :target_position], &unapply_position(&1, t))
-    |> change([:peak_velocity, :acceleration], &abs(unapply_rate(&1, t)))
+    |> update_numbers([:initial_position, :target_position], &unapply_position(&1, t))
+    |> update_numbers([:peak_velocity, :acceleration], &abs(unapply_rate(&1, t)))
   end
 
   def unapply_to_payload(payload, _t), do: payload
 
-  defp commanded(fields, t) when is_list(fields),
-    do: for({key, value} <- fields, do: {key, command(key, value, t)})
+  defp convert_command(fields, t) when is_list(fields),
+    do: for({key, value} <- fields, do: {key, convert_value(key, value, t)})
 
-  defp commanded(%{} = payload, t) do
+  defp convert_command(%{} = payload, t) do
     Enum.reduce([:position, :velocity, :effort], payload, fn key, payload ->
       case payload do
-        %{^key => value} -> %{payload | key => command(key, value, t)}
+        %{^key => value} -> %{payload | key => convert_value(key, value, t)}
         _ -> payload
       end
     end)
   end
 
-  defp command(:position, value, t) when is_number(value), do: apply_position(value, t)
+  defp convert_value(:position, value, t) when is_number(value), do: apply_position(value, t)
 
-  defp command(key, value, t) when key in [:velocity, :acceleration] and is_number(value),
+  defp convert_value(key, value, t) when key in [:velocity, :acceleration] and is_number(value),
     do: apply_rate(value, t)
 
-  defp command(:effort, value, t) when is_number(value), do: apply_effort(value, t)
-  defp command(_key, value, _t), do: value
+  defp convert_value(:effort, value, t) when is_number(value), do: apply_effort(value, t)
+  defp convert_value(_key, value, _t), do: value
 
-  defp change(fields, keys, change) do
+  defp update_numbers(fields, keys, fun) do
     Enum.reduce(keys, fields, fn key, fields ->
       case fields do
-        %{^key => value} when is_number(value) -> %{fields | key => change.(value)}
+        %{^key => value} when is_number(value) -> %{fields | key => fun.(value)}
         _ -> fields
       end
     end)
   end
 
-  defp numbers(values, t, change),
-    do: for(value <- values, do: if(is_number(value), do: change.(value, t), else: value))
+  defp map_numbers(values, t, fun),
+    do: for(value <- values, do: if(is_number(value), do: fun.(value, t), else: value))
 
   defp sign(%{reversed?: true}), do: -1.0
   defp sign(_t), do: 1.0

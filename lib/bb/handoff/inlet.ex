@@ -18,8 +18,8 @@ defmodule BB.Handoff.Inlet do
               type: {:in, 1..1024},
               default: 64,
               doc: """
-              Messages that may wait in the inlet's mailbox. Faster ones stay in the ring, and may
-              \ be lost there.
+              Messages that may wait in the inlet's mailbox. Faster ones stay in the ring, and \
+              may be lost there.
               """
             ],
             untagged: [

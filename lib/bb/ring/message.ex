@@ -1,11 +1,17 @@
 defmodule BB.Ring.Message do
   @moduledoc """
-  One message of a topic.
+  One message of a topic, as a subscriber receives it.
 
-    * `sequence`: its number on the topic, from 0; a gap means lost messages
-    * `timestamp_ns`: when it was published, on the ring's clock (`BB.Ring.now_ns/0`)
-    * `data`: the bytes; they stay what they are
-    * `lost`: how many messages this subscriber lost since the one before
+  `BB.Ring.Subscriber` sends or returns it:
+
+      {:ok, %BB.Ring.Message{data: data, lost: 0}} = BB.Ring.Subscriber.recv(subscriber)
+
+  ## Fields
+
+    * `:sequence` - its number on the topic, from 0; a gap means lost messages
+    * `:timestamp_ns` - the time of its publication on the ring's clock (`BB.Ring.now_ns/0`)
+    * `:data` - the bytes, which never change
+    * `:lost` - the number of messages that this subscriber lost since the message before
   """
 
   @enforce_keys [:sequence, :timestamp_ns, :data]

@@ -1,7 +1,8 @@
 defmodule BB.Ring.Native do
   @moduledoc false
 
-  # Elixir loads what it has just compiled. A NIF that was built for a board must not be loaded where it is built.
+  # Elixir loads a module that it has just compiled. A NIF for a board must not be loaded on the
+  # machine that builds it.
   @compile {:autoload, false}
 
   use BB.NativeLibrary, "conduit_ring_nif"

@@ -3,18 +3,22 @@ defmodule BB.Ring.Publisher do
             slot_count: [
               type: {:custom, BB.Ring.Publisher, :check_slot_count, []},
               default: 16,
-              doc:
-                "Number of slots: a power of two up to 1048576. Set either this and `slot_size`, or `depth` and `max_message_size`."
+              doc: """
+              Number of slots: a power of two up to 1048576. Set either this and `slot_size`, or \
+              `depth` and `max_message_size`.
+              """
             ],
             slot_size: [
               type: {:in, 21..0x4000_0000},
               default: 4096,
-              doc:
-                "Bytes of a slot, including its header of 20 bytes. The file rounds it up to a multiple of 64; a message of more than `slot_size` - 20 bytes is too large all the same."
+              doc: """
+              Bytes of a slot, including its header of 20 bytes. The file rounds it up to a \
+              multiple of 64, but a message of more than `slot_size` - 20 bytes is too large.
+              """
             ],
             depth: [
               type: {:in, 1..1_048_576},
-              doc: "Number of messages kept; rounded up to a power of two."
+              doc: "Number of messages that the topic holds, rounded up to a power of two."
             ],
             max_message_size: [
               type: {:in, 1..0x3FFF_FFEC},
@@ -22,28 +26,42 @@ defmodule BB.Ring.Publisher do
             ],
             content: [
               type: :string,
-              doc:
-                "Name of the encoding, such as `\"sensor_msgs/msg/Imu\"`, so that tools can decode. None: raw bytes."
+              doc: """
+              Name of the encoding, such as `"sensor_msgs/msg/Imu"`, by which tools decode the \
+              messages. Without it the messages are raw bytes.
+              """
             ],
             mode: [type: {:in, 0..0o777}, default: 0o660, doc: "Permissions of the file."],
             force: [
               type: :boolean,
               default: false,
-              doc:
-                "Replace a file of a publisher without the extension, although it may be in use."
+              doc: """
+              Whether to replace a file of a publisher without our extension, which may be in use.
+              """
             ]
           )
 
   @moduledoc """
-  The writing end of a topic.
+  The publisher of a topic.
 
-  A topic has one publisher at a time, in any process of the machine. As a port, it belongs to the process that opened it: when that process
-  dies, the topic is left to a successor, which goes on in place; `close/1` ends the topic. Any process may publish through it.
+  Open one to write messages that programs in other languages read:
 
-  When the topic's file is removed, or another file gets its name, the file is made anew within a second: with the same messages and
-  at the same sequence number, and the subscribers follow. The owner gets `{:bb_ring_publisher, topic, :renewed}`. Where that cannot
-  be done (another publisher has the name now, or another user), the owner gets `{:bb_ring_publisher, topic, {:error, reason}}`
-  once, and `publish/2` is that error until the name is free again.
+      {:ok, publisher} = BB.Ring.Publisher.open("scan", content: "sensor_msgs/msg/LaserScan")
+      :ok = BB.Ring.Publisher.publish(publisher, bytes)
+
+  A topic has one publisher at a time, in any process of the machine. Any process of the VM may
+  publish through it.
+
+  ## The owner
+
+  Like a port, a publisher belongs to the process that opened it. When that process exits, the
+  topic stays, and the next publisher continues it in place. `close/1` ends the topic.
+
+  When the topic's file is removed, or another file takes its name, the publisher makes the file
+  again within a second, with the same messages and the same sequence number, and the subscribers
+  follow. The owner receives `{:bb_ring_publisher, topic, :renewed}`. When that fails, because
+  another publisher or another user has the name, the owner receives `{:bb_ring_publisher, topic,
+  {:error, reason}}` once, and `publish/2` returns that error until the name is free again.
 
   ## Options
 
@@ -52,7 +70,7 @@ defmodule BB.Ring.Publisher do
 
   alias BB.Ring.{Native, Trust}
 
-  # Up to here a message is copied faster than a move to a dirty scheduler takes.
+  # Up to this size copying a message is faster than moving to a dirty scheduler.
   @normal_limit 65_536
 
   @enforce_keys [:handle, :topic]
@@ -61,10 +79,11 @@ defmodule BB.Ring.Publisher do
   @opaque t :: %__MODULE__{handle: reference(), topic: String.t()}
 
   @doc """
-  Opens `topic` for writing.
+  Opens a topic for writing.
 
-  Where a publisher has died on it, and the slots are the same, it goes on in place. Where the slots differ, the old file is retired
-  and subscribers follow to the new one. A live publisher is `{:error, {:publisher_alive, os_pid}}`; for all reasons see `BB.Ring`.
+  After a publisher that died, it continues in place when the slots are the same. When they
+  differ, it retires the old file, and the subscribers follow to the new one. With a live
+  publisher it returns `{:error, {:publisher_alive, os_pid}}`; `BB.Ring` lists all reasons.
   """
   @spec open(String.t(), keyword()) :: {:ok, t()} | {:error, BB.Ring.reason()}
   def open(topic, opts \\ []) do
@@ -78,10 +97,18 @@ defmodule BB.Ring.Publisher do
   end
 
   @doc """
-  Publishes one message: `:ok`, `{:error, :message_too_large}` (nothing was written), `{:error, :slot_held}` (subscribers hold all slots, see
-  `BB.Ring.Subscriber.with_frame/2`: this message is dropped and counted), `{:error, :closed}`, or why the topic's name is lost (above).
+  Publishes one message.
 
-  The bytes of `iodata` are gathered straight into the slot. A message of more than 64 KiB is copied on a dirty scheduler.
+  Returns `:ok` or
+
+    * `{:error, :message_too_large}` - nothing was written
+    * `{:error, :slot_held}` - subscribers hold all slots (`BB.Ring.Subscriber.with_frame/2`); the
+      message is dropped and counted
+    * `{:error, :closed}`
+    * `{:error, reason}` - the topic has lost its name, as above
+
+  The bytes of `iodata` are gathered directly into the slot. A message of more than 64 KiB is
+  copied on a dirty scheduler.
   """
   @spec publish(t(), iodata()) :: :ok | {:error, BB.Ring.reason()}
   def publish(%__MODULE__{handle: handle} = publisher, data)
@@ -105,7 +132,7 @@ defmodule BB.Ring.Publisher do
     end
   end
 
-  @doc "Ends the topic: subscribers are told, and its file is removed."
+  @doc "Ends the topic: notifies its subscribers and removes its file."
   @spec close(t()) :: :ok
   def close(%__MODULE__{handle: handle} = publisher) do
     case Native.publisher_close(handle) do
@@ -114,7 +141,7 @@ defmodule BB.Ring.Publisher do
     end
   end
 
-  @doc "The topic as it stands."
+  @doc "Returns the state of the topic."
   @spec info(t()) :: {:ok, BB.Ring.info()} | {:error, :closed}
   def info(%__MODULE__{handle: handle} = publisher) do
     case Native.publisher_info(handle) do
@@ -142,15 +169,15 @@ defmodule BB.Ring.Publisher do
     case Native.publisher_trouble(handle) do
       {:error, :busy} -> yield_and(fn -> name_lost(publisher, data) end)
       {:error, reason} -> {:error, reason}
-      # It was found again meanwhile.
+      # The name is free again.
       :ok -> publish(publisher, data)
     end
   end
 
-  # Another process is in the middle of a publish on this ring: let it run.
-  defp yield_and(again) do
+  # Another process is publishing on this ring. It runs while this one yields.
+  defp yield_and(retry) do
     :erlang.yield()
-    again.()
+    retry.()
   end
 
   defp native_options(opts) do
@@ -176,7 +203,8 @@ defmodule BB.Ring.Publisher do
 
       _ ->
         raise ArgumentError,
-              "set slot_count and slot_size, or depth and max_message_size, got: #{inspect(given)}"
+              "expected slot_count and slot_size, or depth and max_message_size, " <>
+                "got: #{inspect(given)}"
     end
   end
 

@@ -3,58 +3,76 @@ defmodule BB.Ring.Subscriber do
             active: [
               type: {:custom, BB.Ring.Subscriber, :check_active, []},
               default: false,
-              doc: "Delivery from the start, as `active/2` sets it."
+              doc: "The delivery at first, as `active/2` sets it later."
             ],
             start: [
               type:
                 {:or, [{:in, [:new, :latest]}, {:tuple, [{:in, [:history]}, {:in, 1..65_536}]}]},
               default: :new,
-              doc:
-                "Where to begin: `:new` messages only, the `:latest` one that there is, or `{:history, n}`: the last `n` that the ring still has."
+              doc: """
+              The first message: the next `:new` one, the `:latest` existing one, or the oldest \
+              of the last `n` that the ring still holds (`{:history, n}`).
+              """
             ],
             policy: [
               type: {:in, [:all, :latest]},
               default: :all,
-              doc:
-                "`:all` messages in order, or only the `:latest` at each read; those skipped are counted in `lost`."
+              doc: """
+              `:all` messages in order, or only the `:latest` one at each read. The field `lost` \
+              counts those that are skipped.
+              """
             ],
             guard: [
               type: {:in, [:auto, :always, :never]},
               default: :auto,
-              doc:
-                "Guarded reading: a file that another process cuts off is an error then, where it would kill the VM (SIGBUS). Costs a few system calls a message. `:auto`: of topics that belong to another user, who is not trusted (see `BB.Ring`); these are not even mapped, and looked at every few milliseconds. `:never` trusts whoever owns the file."
+              doc: """
+              Guarded reading: a file that another process truncates is an error, where it would \
+              kill the VM (SIGBUS) otherwise. It costs a few system calls a message. `:auto` \
+              guards topics of another user who is not trusted (`BB.Ring`); their files are not \
+              mapped, and are read every few milliseconds. `:never` trusts the owner of any \
+              file.
+              """
             ],
             content: [
               type: :string,
-              doc:
-                "Name of the encoding that the messages must have, such as `\"sensor_msgs/msg/Imu\"`. " <>
-                  "Messages of a topic with another content are not delivered, and the owner is told. " <>
-                  "None: whatever the topic has."
+              doc: """
+              Name of the encoding that the messages must have, such as `"sensor_msgs/msg/Imu"`. \
+              Messages of a topic with another content are not delivered, and the owner receives \
+              an error. Without it any content is delivered.
+              """
             ],
             untagged: [
               type: :boolean,
               default: false,
-              doc: "With `content`: takes a topic too that does not say what its messages are."
+              doc: "With `content`: whether to accept a topic without a content tag too."
             ]
           )
 
   @moduledoc """
-  The reading end of a topic.
+  A subscriber of a topic.
 
-  A subscriber may be opened before its topic exists; it attaches when the topic appears, and again when the publisher came back with a new
-  file. As a port, it belongs to the process that opened it: its messages go there,
-  and it ends with that process or by `close/1`.
+  Open one to read messages that programs in other languages publish:
+
+      {:ok, subscriber} = BB.Ring.Subscriber.open("scan", content: "sensor_msgs/msg/LaserScan")
+      {:ok, %BB.Ring.Message{data: bytes}} = BB.Ring.Subscriber.recv(subscriber)
+
+  A subscriber may be opened before its topic exists. It attaches when the topic appears, and
+  again when a publisher returns with a new file. Like a port, it belongs to the process that
+  opened it: that process receives its messages, and the subscription ends with that process or by
+  `close/1`.
 
   ## Active
 
-  As with sockets (`:inet`), the owner says how many messages it wants to be sent:
+  As with sockets (`:inet`), the owner sets how many messages are sent to it:
 
-    * `true`: every message. The owner must keep up, its mailbox has no bound
-    * `:once`: one
-    * `n`: so many more, on top of those that are left; when the last one was sent, `{:bb_ring_passive, ref}` follows
-    * `false`: none; ask for each with `recv/2`
+    * `true` - every message. The owner must keep up, since its mailbox has no limit
+    * `:once` - one
+    * `n` - that many more, in addition to those that remain; after the last one follows
+      `{:bb_ring_passive, ref}`
+    * `false` - none; `recv/2` returns the next one
 
-  While no message is wanted the ring goes on overwriting, and what is lost is counted: the memory in use never exceeds the credits times the slot size.
+  While the owner accepts no message, the ring continues to overwrite, and lost messages are
+  counted. So the memory in use never exceeds the credits times the slot size.
 
   ## Messages to the owner
 
@@ -62,9 +80,9 @@ defmodule BB.Ring.Subscriber do
   |---|---|
   | `{:bb_ring, ref, %BB.Ring.Message{}}` | a message |
   | `{:bb_ring_passive, ref}` | the credits are used up |
-  | `{:bb_ring, ref, :publisher_up}`, `{:bb_ring, ref, :publisher_down}` | the topic has a live publisher now, or has none any more |
-  | `{:bb_ring, ref, {:error, reason}}` | attaching failed (see `BB.Ring`); told once, tried again by itself |
-  | `{:bb_ring, ref, {:error, {:other_content, tag}}}` | the topic has another content than `content` now; nothing of it is delivered |
+  | `{:bb_ring, ref, :publisher_up}`, `{:bb_ring, ref, :publisher_down}` | the topic has a live publisher now, or no longer has one |
+  | `{:bb_ring, ref, {:error, reason}}` | attaching failed (`BB.Ring`); sent once, while attaching is retried |
+  | `{:bb_ring, ref, {:error, {:other_content, tag}}}` | the topic now has another content than `content`; no message of it is delivered |
 
   ## Options
 
@@ -87,32 +105,27 @@ defmodule BB.Ring.Subscriber do
     ref = make_ref()
     Trust.apply!()
 
-    with {:ok, handle} <-
-           Native.subscriber_open(
-             topic,
-             ref,
-             native_options(opts)
-           ) do
+    with {:ok, handle} <- Native.subscriber_open(topic, ref, native_options(opts)) do
       subscriber = %__MODULE__{handle: handle, ref: ref, topic: topic}
       _ = active(subscriber, opts[:active])
       {:ok, subscriber}
     end
   end
 
-  @doc "Sets how many messages the owner gets."
+  @doc "Sets how many messages are sent to the owner."
   @spec active(t(), active()) :: :ok | {:error, :closed}
   def active(%__MODULE__{handle: handle, ref: ref}, active) do
     case Native.subscriber_active(handle, native_active!(active)) do
       :ok -> :ok
-      :passive -> tell_passive(ref)
+      :passive -> send_passive(ref)
       :closed -> {:error, :closed}
     end
   end
 
   @doc """
-  The next message of a passive subscriber, waiting for it up to `timeout` milliseconds.
+  Returns the next message of a passive subscriber, waiting for it up to `timeout` milliseconds.
 
-  `{:error, :active}` when messages go to the owner by themselves.
+  Returns `{:error, :active}` when messages are sent to the owner.
   """
   @spec recv(t(), timeout()) :: {:ok, Message.t()} | {:error, :timeout | :closed | :active}
   def recv(subscriber, timeout \\ :infinity)
@@ -123,17 +136,22 @@ defmodule BB.Ring.Subscriber do
       receive do
         {:bb_ring_reply, ^ref, ^id, result} -> result
       after
-        timeout -> take_back(handle, ref, id)
+        timeout -> cancel(handle, ref, id)
       end
     end
   end
 
   def recv(%__MODULE__{}, timeout) do
     raise ArgumentError,
-          "a timeout is a number of milliseconds or :infinity, got: #{inspect(timeout)}"
+          "expected a timeout in milliseconds or :infinity, got: #{inspect(timeout)}"
   end
 
-  @doc "The newest message that was not read yet; those before it are skipped, and counted as lost. `{:error, :empty}` when there is none."
+  @doc """
+  Returns the newest message that was not read yet.
+
+  Messages before it are skipped, and counted as lost. Without a new message it returns
+  `{:error, :empty}`.
+  """
   @spec latest(t()) :: {:ok, Message.t()} | {:error, :empty | :closed}
   def latest(%__MODULE__{handle: handle, ref: ref}) do
     with {:ok, id} <- Native.subscriber_request(handle, :latest) do
@@ -144,29 +162,43 @@ defmodule BB.Ring.Subscriber do
   end
 
   @doc """
-  Lends `fun` the newest message that was not read yet, without copying it: `{:ok, what_fun_returned}`.
+  Calls `fun` with the newest message that was not read yet, without copying the message.
+
+  Returns `{:ok, result}` with the result of `fun`.
 
       {:ok, brightness} =
-        BB.Ring.Subscriber.with_frame(subscriber, fn %BB.Ring.Message{data: <<_header::binary-44, pixels::binary>>} ->
+        BB.Ring.Subscriber.with_frame(subscriber, fn message ->
+          <<_header::binary-44, pixels::binary>> = message.data
           brightness(pixels)
         end)
 
-  For large messages, as camera frames are: those before the newest are skipped and counted as lost, as by `latest/1`. Up to 64 KiB a
-  message is copied, which costs less than to lend it.
+  Use it for large messages, such as camera frames. Messages before the newest are skipped and
+  counted as lost, as by `latest/1`. A message of up to 64 KiB is copied, which costs less than a
+  lease.
 
-  While `fun` runs, the publisher leaves the message's slot alone. It waits for nobody and stops for nobody: once it has gone round the ring it
-  passes that slot over, which costs the other subscribers one number in each lap (`lost`, and `dropped_pinned` in `BB.Ring.info/1`, which also
-  tells who holds). So `fun` should take less time than the ring has slots, less one, times the topic's period.
+  ## The lease
 
-  The slot is given back when `fun` returns or raises, or when the process dies. `message.data` and its parts may be kept, returned or sent: they
-  never change, like any binary. What is kept is copied at the end, which costs several times as much as `latest/1`. To learn whether something is, the calling
-  process is garbage-collected first if its heap is smaller than the message. So call this from a process with a small heap, and take
-  what `fun` needs out of the frame rather than parts of it.
+  While `fun` runs, the publisher does not overwrite the message's slot. The publisher does not
+  wait either: when it comes round to that slot it skips it, which costs the other subscribers one
+  number in each lap (`lost`, and `dropped_pinned` in `BB.Ring.info/1`, which also shows the
+  holder). So `fun` should take less time than the topic's period times the number of slots less
+  one.
 
-  Errors: `:empty` when there is no new message; `:too_many_leases` when three frames of this subscriber are lent already (to other processes
-  or around this call); `:closed`.
+  The slot is released when `fun` returns or raises, or when the process exits. `message.data` and
+  its parts may be kept, returned or sent; like any binary they never change. A part that is kept
+  is copied when `fun` ends, which costs several times as much as `latest/1`. To find kept parts,
+  the calling process is garbage-collected first if its heap is smaller than the message. So call
+  this function from a process with a small heap, and return computed values rather than parts of
+  the frame.
 
-  A topic whose publisher does not know of leases (a legacy one), or runs as another user, is copied instead.
+  ## Errors
+
+    * `:empty` - no new message
+    * `:too_many_leases` - three frames of this subscriber are lent already, to other processes or
+      around this call
+    * `:closed`
+
+  A message of a publisher without leases (a legacy one), or of another user, is copied.
   """
   @spec with_frame(t(), (Message.t() -> result)) ::
           {:ok, result} | {:error, :empty | :too_many_leases | :closed}
@@ -181,7 +213,11 @@ defmodule BB.Ring.Subscriber do
     end
   end
 
-  @doc "Ends the subscription. No message of it comes after this returns; those of the caller's mailbox are removed."
+  @doc """
+  Ends the subscription.
+
+  No message of it is sent after this function returns. Those in the caller's mailbox are removed.
+  """
   @spec close(t()) :: :ok
   def close(%__MODULE__{handle: handle, ref: ref}) do
     if Native.subscriber_close(handle) do
@@ -210,40 +246,40 @@ defmodule BB.Ring.Subscriber do
     |> Map.put(:content, opts[:content])
   end
 
-  defp tell_passive(ref) do
+  defp send_passive(ref) do
     send(self(), {:bb_ring_passive, ref})
     :ok
   end
 
-  # Nothing here may refer to the message once `fun` has it: it would count as kept.
+  # No variable may refer to the message once `fun` has it: the message would count as kept.
   defp lend(lease, message, fun) do
     size = byte_size(message.data)
 
     try do
       {:ok, fun.(message)}
     after
-      give_back(lease, size)
+      release(lease, size)
     end
   end
 
-  defp give_back(lease, size) do
+  defp release(lease, size) do
     Native.lease_release(lease) || (collect(size) && Native.lease_release(lease)) ||
       Native.lease_detach(lease)
   end
 
-  # A heap that is larger than the message costs more to collect than the message to copy.
+  # Collecting a heap that is larger than the message costs more than copying the message.
   defp collect(size) do
     {:total_heap_size, words} = Process.info(self(), :total_heap_size)
 
     if words * :erlang.system_info(:wordsize) <= size do
       :erlang.garbage_collect()
-      # The scheduler tells the binary's owner of its end between two processes.
+      # The scheduler frees the binary between two processes.
       :erlang.yield()
     end
   end
 
-  # The answer may be on its way: it is taken, lest a message be lost.
-  defp take_back(handle, ref, id) do
+  # A reply may already be on its way. It is received, so that no message is lost.
+  defp cancel(handle, ref, id) do
     if Native.subscriber_cancel(handle, id) do
       {:error, :timeout}
     else

@@ -1,6 +1,6 @@
 defmodule BB.Ring.Trust do
   @moduledoc false
-  # Tells the ring which users and groups the configuration trusts, whenever that has changed. See `BB.Ring`.
+  # Passes the configured trusted users and groups to the ring when the configuration has changed.
 
   alias BB.Ring.Native
 
@@ -36,7 +36,7 @@ defmodule BB.Ring.Trust do
       Enum.join(entries, ",")
     else
       raise ArgumentError,
-            "config :ganglion, BB.Ring: expected trusted_users: and trusted_groups: with lists " <>
+            "config :ganglion, BB.Ring: expected trusted_users: and trusted_groups: as lists " <>
               "of numbers and names, got: #{inspect(configured)}"
     end
   end

@@ -5,9 +5,9 @@ defmodule BB.Sensor.NativeProcess do
               required: true,
               type_doc: "`t:BB.Sensor.NativeProcess.Program.t/0`",
               doc: """
-              `{:my_app, "name"}`, a program in the `priv/bin` of that application; the name of a
-              \ program that ships with Ganglion; a path; a name that is looked up in `PATH`; or a
-              \ function that returns one of these at each start: `&MyRobot.detector/0` or \
+              `{:my_app, "name"}`, a program in the `priv/bin` of that application; the name of \
+              a program that ships with Ganglion; a path; a name that is looked up in `PATH`; or \
+              a function that returns one of these at each start: `&MyRobot.detector/0` or \
               `{module, function, arguments}`.
               """
             ],
@@ -23,16 +23,16 @@ defmodule BB.Sensor.NativeProcess do
             publishes: [
               type: {:list, {:or, [:atom, :string]}},
               doc: """
-              The ring topics that the program publishes, for `max_silence`: keys of `topics`, or
-              \ names. Without it, those of `topics` whose writer is the program, or all when each
-              \ has another writer.
+              The ring topics that the program publishes, for `max_silence`: keys of `topics`, \
+              or names. Without it, those of `topics` whose writer is the program, or all when \
+              each has another writer.
               """
             ],
             args: [
               type: {:or, [{:list, :string}, {:tuple, [:atom, :atom, {:list, :any}]}]},
               default: [],
               doc: """
-              Further arguments, or `{module, function, arguments}` that returns them at each
+              Further arguments, or `{module, function, arguments}` that returns them at each \
               start.
               """
             ],

@@ -19,8 +19,8 @@ defmodule BB.Sensor.Server do
   Starts a sensor's process.
 
   `args` are `:__callback_module__`, `:bb` (`%{robot: robot_module, path: path}`) and the driver's
-  own options. It returns what `GenServer.start_link/3` returns, or `{:error,
-  %BB.Options.ValidationError{}}` for options that the driver's schema refuses.
+  own options. It returns what `GenServer.start_link/3` returns, or
+  `{:error, %BB.Options.ValidationError{}}` for options that the driver's schema refuses.
   """
   @spec start_link(keyword()) :: GenServer.on_start()
   def start_link(args), do: Component.Server.start_link([{:__kind__, BB.Sensor} | args])
