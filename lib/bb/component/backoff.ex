@@ -2,7 +2,7 @@ defmodule BB.Component.Backoff do
   @moduledoc """
   The delay before a component is started again: exponential, with jitter, without an end.
 
-  `BB.Component.Status` asks it for a delay after each failure. The module is pure.
+  `BB.Component.Status` computes the delay after each failure. The module is pure.
 
       iex> backoff = BB.Component.Backoff.new(random: fn -> 1.0 end)
       iex> {first, backoff} = BB.Component.Backoff.next(backoff, :crash)

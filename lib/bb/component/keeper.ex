@@ -12,8 +12,8 @@ defmodule BB.Component.Keeper do
 
   ## States
 
-  The keeper is a state machine. `BB.Component.Lifecycle` decides, purely, which phase follows an
-  event and what the keeper does then; this module turns messages into events and carries out the
+  The keeper is a state machine. `BB.Component.Lifecycle`, which is pure, decides the next phase
+  and the actions for each event. This module turns messages into events and carries out the
   actions.
 
                   orphan found                    exited, start failed
@@ -83,7 +83,7 @@ defmodule BB.Component.Keeper do
   @impl GenServer
   def init({robot, component}) do
     Process.flag(:trap_exit, true)
-    # Tools that draw supervision trees ask a supervisor for its children.
+    # Tools that draw supervision trees request the children of each supervisor.
     Process.put(:"$initial_call", {:supervisor, __MODULE__, 1})
 
     restarts = take_over(robot, component)

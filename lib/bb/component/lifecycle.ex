@@ -1,7 +1,6 @@
 defmodule BB.Component.Lifecycle do
   @moduledoc """
-  The state machine of a component: which phase follows which event, and what its keeper does
-  then.
+  The state machine of a component: its phases, its events and the actions of its keeper.
 
   `BB.Component.Keeper` turns each message into an event, passes it to `transition/3` and carries
   out the actions. The module is pure; times are monotonic nanoseconds.

@@ -142,7 +142,7 @@ defmodule BB.Sensor.NativeProcess do
 
   alias BB.Sensor.NativeProcess.{Guard, Program, TopicActivity, Topics}
 
-  # The kernel's time to end what the guard kills, and what is halted and has to be woken.
+  # The kernel's time to end killed processes, and then to wake and end halted ones.
   @kill_limit_ms 3_000
   @wake_limit_ms 2_000
   @margin_ms 1_000
@@ -160,6 +160,7 @@ defmodule BB.Sensor.NativeProcess do
       "the program exited with status 1; the log has its output"
   """
   @impl BB.Sensor
+  @spec explain(reason :: term()) :: String.t()
   def explain({:exit_status, 127}), do: "the program cannot be run; the log says why"
 
   def explain({:exit_status, status}) when status > 128,

@@ -143,7 +143,7 @@ defmodule BB.Sensor.Polled do
   """
   @callback poll_rate(opts :: keyword()) :: number()
 
-  @doc "The former name of `c:poll_rate/1`."
+  @doc "Returns how often to call `c:measure/2`, in Hz."
   @doc deprecated: "Use poll_rate/1 instead"
   @callback pace(opts :: keyword()) :: number()
 
