@@ -86,7 +86,7 @@ defmodule BB.ActuatorTest do
         do: assert(id in ids)
   end
 
-  test "they come back alone, and tell of it on paths of their own kind", %{robot: robot} do
+  test "they restart alone, and their statuses have paths of their kind", %{robot: robot} do
     start_supervised!(robot)
     assert eventually(fn -> Enum.all?(all(robot), &(&1.state == :up)) end)
     {:ok, _} = BB.subscribe(robot, [:actuator_status])
@@ -117,7 +117,7 @@ defmodule BB.ActuatorTest do
     assert [%{name: :encoder}] = BB.Sensor.health(robot)
   end
 
-  test "wrong options of theirs fail the start of the robot" do
+  test "their wrong options fail the start of the robot" do
     robot =
       robot do
         controllers do
@@ -146,7 +146,7 @@ defmodule BB.ActuatorTest do
     assert error.reason =~ "actuator cannot stand in a link; it belongs in a joint"
   end
 
-  test "a reason is explained in words" do
+  test "a reason is formatted" do
     assert BB.Actuator.explain(BB.Test.Motor, {:init_timeout, 5_000}) =~
              "init/1 has not returned"
 

@@ -16,7 +16,7 @@ defmodule BB.HandoffTest do
   doctest BB.Handoff.Content
 
   defmodule Large do
-    @moduledoc "Messages that are lent, for they are too large to be copied."
+    @moduledoc "Messages that are lent, since they are too large to be copied."
     @behaviour BB.Handoff.Encoding
     def content, do: "test/large"
     def payload, do: BB.Message.Sensor.Imu
@@ -65,7 +65,7 @@ defmodule BB.HandoffTest do
   end
 
   describe "an outlet" do
-    test "carries a path and what lies below it into its topic, in order, with the name of the encoding" do
+    test "carries a path and all below it into its topic, in order, with the encoding's name" do
       topic = topic()
       robot = start_up!(outlet_robot(topic), :outlet)
       {:ok, %{ref: ref}} = Subscriber.open(topic, active: true)
@@ -80,7 +80,7 @@ defmodule BB.HandoffTest do
       assert {:ok, %{published: 5, too_large: 0, held: 0}} = BB.Handoff.stats(robot, :outlet)
     end
 
-    test "whose topic's file is removed goes on, and its health says what happened" do
+    test "whose topic's file is removed runs on, and shows that in its health" do
       topic = topic()
       robot = start_up!(outlet_robot(topic), :outlet)
       %{pid: pid} = health(robot, :outlet)
@@ -97,7 +97,7 @@ defmodule BB.HandoffTest do
       assert error =~ topic and error =~ "made again"
     end
 
-    test "names in its health who holds a slot for longer than the ring goes round" do
+    test "shows in its health a process that holds a slot for longer than a lap" do
       topic = topic()
 
       robot =
@@ -137,7 +137,7 @@ defmodule BB.HandoffTest do
       receive do: (:let_go -> :ok)
     end
 
-    test "leaves messages of other payloads alone" do
+    test "ignores messages of other payloads" do
       topic = topic()
       robot = start_up!(outlet_robot(topic), :outlet)
 
@@ -157,7 +157,7 @@ defmodule BB.HandoffTest do
       end)
     end
 
-    test "counts and logs a message that does not fit, and goes on" do
+    test "counts and logs a message that does not fit, and runs on" do
       topic = topic()
 
       log =
@@ -173,7 +173,7 @@ defmodule BB.HandoffTest do
       assert [_before, _after] = String.split(log, "longer than the topic's slots")
     end
 
-    test "whose topic has a live publisher goes to backoff, and comes up when that one leaves" do
+    test "whose topic has a live publisher is in backoff, and is up after that publisher closes" do
       topic = topic()
       {:ok, publisher} = Publisher.open(topic)
       robot = outlet_robot(topic)
@@ -187,7 +187,7 @@ defmodule BB.HandoffTest do
       eventually(fn -> health(robot, :outlet).state == :up end)
     end
 
-    test "that is killed goes on in place: its readers lose nothing that was published" do
+    test "that is killed continues in place: its readers lose no published message" do
       topic = topic()
       robot = start_up!(outlet_robot(topic), :outlet)
       {:ok, %{ref: ref}} = Subscriber.open(topic, active: true)
@@ -223,7 +223,7 @@ defmodule BB.HandoffTest do
                       %{payload: %TagDetections{detections: [_, _]}, robot: ^robot}}
     end
 
-    test "or onto the path that it is given" do
+    test "or onto the path of its option `to:`" do
       topic = topic()
       robot = start_up!(inlet_robot(topic, to: [:sensor, :camera, :tags]), :inlet)
       {:ok, _} = BB.subscribe(robot, [:sensor, :camera])
@@ -231,7 +231,7 @@ defmodule BB.HandoffTest do
       assert_receive {:bb, [:sensor, :camera, :tags], %{payload: %TagDetections{}}}
     end
 
-    test "gives its credits back: what is far more than its credits arrives whole" do
+    test "returns its credits: many more messages than its credits all arrive" do
       topic = topic()
       robot = start_up!(inlet_robot(topic, credits: 3), :inlet)
       {:ok, _} = BB.subscribe(robot, [:sensor])
@@ -240,7 +240,7 @@ defmodule BB.HandoffTest do
       assert {:ok, %{published: 100, lost: 0, malformed: 0}} = BB.Handoff.stats(robot, :inlet)
     end
 
-    test "counts what does not decode, logs the first of a row, and goes on" do
+    test "counts messages that do not decode, logs the first in a row, and runs on" do
       topic = topic()
 
       log =
@@ -292,8 +292,8 @@ defmodule BB.HandoffTest do
     @stretch_ms 5_000
     @pause_ms 500
 
-    # How many it had published before and after more than twice the time that it may be silent.
-    # When this process was held up meanwhile, that says nothing: `nil`.
+    # The messages that it had published before and after more than twice its max_silence, or
+    # `nil` when this process was delayed meanwhile.
     defp carried_without_pause(robot, carry) do
       carry.()
       eventually(fn -> health(robot, :carrier).state == :up end, 30_000)
@@ -323,7 +323,7 @@ defmodule BB.HandoffTest do
     defp now_ms, do: System.monotonic_time(:millisecond)
 
     for module <- [BB.Handoff.Outlet, BB.Handoff.Inlet] do
-      test "of an #{module |> Module.split() |> List.last()} is about what it carries" do
+      test "of an #{module |> Module.split() |> List.last()} counts the messages that it carries" do
         {robot, carry} = carries(unquote(module), topic())
         start_supervised!(robot)
         {:ok, _} = BB.subscribe(robot, [:sensor_status, :carrier], replay: true)
@@ -339,7 +339,7 @@ defmodule BB.HandoffTest do
 
         assert_receive {:bb, _, %{payload: %{state: :up, restarts: 0}}}, 30_000
 
-        # It stays so for as long as it carries.
+        # It stays up while it carries messages.
         {before, count} = eventually(fn -> carried_without_pause(robot, carry) end, 300_000)
         assert count > before
         refute_received {:bb, _, %{payload: %{state: :stale}}}
@@ -347,7 +347,7 @@ defmodule BB.HandoffTest do
       end
     end
 
-    test "of an outlet to which nothing comes that it carries is passed" do
+    test "of an outlet without a message to carry passes" do
       robot = guarded_robot(BB.Handoff.Outlet, outlet(topic()), @seconds)
       start_supervised!(robot)
 
@@ -362,10 +362,10 @@ defmodule BB.HandoffTest do
     end
   end
 
-  describe "an inlet whose topic has other messages than those of its encoding" do
+  describe "an inlet whose topic has another content than its encoding" do
     @scan "sensor_msgs/msg/LaserScan"
 
-    # A message that decodes, so that nothing but the tag keeps it from being published.
+    # A message that decodes, so that only the tag prevents its publication.
     defp publish_until(publisher, fun) do
       eventually(
         fn ->
@@ -380,7 +380,7 @@ defmodule BB.HandoffTest do
       eventually(fn -> (h = health(robot, :inlet)).state == :backoff && h.reason && h end, 30_000)
     end
 
-    test "is down, says what they are, and publishes nothing" do
+    test "is down, names the content, and publishes nothing" do
       for {content, reason, words} <- [
             {@scan, {:other_content, @scan}, "the topic has messages of #{@scan}"},
             {"conduit/frame", {:other_content, "conduit/frame"}, "conduit/frame"},
@@ -395,7 +395,7 @@ defmodule BB.HandoffTest do
         {:ok, _} = BB.subscribe(robot, [:sensor])
         assert %{reason: ^reason, error: error} = down(robot)
         assert error =~ words
-        # It is tried again and again, with messages there.
+        # It is restarted several times, while messages are published.
         publish_until(publisher, fn -> health(robot, :inlet).restarts >= 2 end)
         refute_received {:bb, [:sensor | _], _}
         :ok = stop_supervised!(robot)
@@ -403,7 +403,7 @@ defmodule BB.HandoffTest do
       end
     end
 
-    test "comes up when the topic has what it expects" do
+    test "is up when the topic has the expected content" do
       topic = topic()
       {:ok, other} = Publisher.open(topic, content: @scan)
       robot = inlet_robot(topic)
@@ -420,13 +420,13 @@ defmodule BB.HandoffTest do
       assert health(robot, :inlet).state == :up
     end
 
-    test "notices a publisher that comes later, and one that takes the topic over" do
+    test "detects a later publisher, and one that takes the topic over" do
       for close? <- [true, false] do
         topic = topic()
         robot = start_up!(inlet_robot(topic), :inlet)
         {:ok, _} = BB.subscribe(robot, [:sensor])
 
-        # The topic is awaited, and is one of detections first.
+        # The topic does not exist yet, and has detections at first.
         owner = BB.Test.Actor.start()
         {:ok, first} = BB.Test.Actor.run(owner, fn -> open_read(topic) end)
 
@@ -436,7 +436,7 @@ defmodule BB.HandoffTest do
 
         assert_receive {:bb, _, %{payload: %TagDetections{}}}, 30_000
 
-        # Then somebody else publishes there, after a proper end or a death.
+        # Then another publisher opens it, after the first has closed or died.
         if close?, do: Publisher.close(first)
         BB.Test.Actor.stop(owner)
         {:ok, second} = eventually(fn -> other_publisher(topic) end, 30_000)
@@ -449,7 +449,7 @@ defmodule BB.HandoffTest do
       end
     end
 
-    test "takes one that says nothing when it is told to, and no other" do
+    test "accepts a topic without a content tag if its options say so, and no other" do
       topic = topic()
       robot = start_up!(inlet_robot(topic, untagged: true), :inlet)
       {:ok, _} = BB.subscribe(robot, [:sensor])
@@ -477,7 +477,7 @@ defmodule BB.HandoffTest do
     end
   end
 
-  test "the counters of one that is down are an error" do
+  test "the counters of an outlet that is down are an error" do
     topic = topic()
     {:ok, _publisher} = Publisher.open(topic)
     robot = outlet_robot(topic)
@@ -486,7 +486,7 @@ defmodule BB.HandoffTest do
     assert {:error, :not_running} = BB.Handoff.stats(robot, :outlet)
   end
 
-  test "wrong options fail the start of the robot with what is accepted" do
+  test "wrong options fail the start of the robot, and the error names what is accepted" do
     for opts <- [[encoding: NoEncoding], [from: "imu"], [slot_count: 3]] do
       robot = outlet_robot("t", opts)
       assert {:error, %BB.Options.ValidationError{} = error} = robot.start_link()

@@ -22,7 +22,7 @@ defmodule BB.RingTest do
 
   defp path(topic), do: "/dev/shm/conduit_#{topic}"
 
-  # A publisher that was opened before has the subscriber attached once its reader slot shows.
+  # An open publisher has the subscriber attached once its reader slot shows.
   defp await_readers(topic, count) do
     {:ok, info} = Ring.info(topic)
 
@@ -39,7 +39,7 @@ defmodule BB.RingTest do
   end
 
   describe "publishing" do
-    test "a subscriber gets what is published, in order and numbered", %{topic: topic} do
+    test "a subscriber receives the published messages, in order and numbered", %{topic: topic} do
       publisher = open!(topic)
       %{ref: ref} = attached!(topic, active: true)
       for n <- 0..9, do: :ok = Publisher.publish(publisher, "message #{n}")
@@ -83,7 +83,7 @@ defmodule BB.RingTest do
       assert {:ok, %Message{data: ^frame}} = Subscriber.recv(subscriber, 5000)
     end
 
-    test "a message that does not fit is refused, and nothing of it is seen", %{topic: topic} do
+    test "a message that does not fit is refused, and no part of it is read", %{topic: topic} do
       publisher = open!(topic, depth: 2, max_message_size: 100)
       {:ok, %{max_message_size: size}} = Publisher.info(publisher)
       %{ref: ref} = attached!(topic, active: true)
@@ -96,7 +96,9 @@ defmodule BB.RingTest do
       assert {:ok, %{published: 1, rejected_oversize: 1}} = Publisher.info(publisher)
     end
 
-    test "several processes publish on one ring, and no message is lost or mixed", %{topic: topic} do
+    test "several processes publish on one ring, and no message is lost or mixed", %{
+      topic: topic
+    } do
       publisher = open!(topic, slot_count: 4096, slot_size: 64)
       %{ref: ref} = attached!(topic, active: true)
 
@@ -121,7 +123,7 @@ defmodule BB.RingTest do
       end
     end
 
-    test "after close nothing is published and the topic is gone", %{topic: topic} do
+    test "after close nothing is published and the topic is removed", %{topic: topic} do
       publisher = open!(topic)
       :ok = Publisher.close(publisher)
       assert {:error, :closed} = Publisher.publish(publisher, "late")
@@ -139,7 +141,7 @@ defmodule BB.RingTest do
       assert Ring.format_error(reason) =~ "process #{os_pid}"
     end
 
-    test "when its owner dies the topic is left, and the next one goes on in place", %{
+    test "leaves the topic when its owner dies, and the next one continues in place", %{
       topic: topic
     } do
       test = self()
@@ -198,7 +200,7 @@ defmodule BB.RingTest do
   end
 
   describe "a topic's size and name" do
-    test "too large is what exceeds the size as given, also where the file rounds it up", %{
+    test "a message above the given size is too large, also where the file rounds it up", %{
       topic: topic
     } do
       publisher = open!(topic, slot_count: 4, slot_size: 4100)
@@ -219,7 +221,7 @@ defmodule BB.RingTest do
       end
     end
 
-    test "names by the rules of others are read, not made", %{topic: topic} do
+    test "names by other rules are read, not made", %{topic: topic} do
       for name <- ["cam 1", "front:rgb", "größe"] do
         publisher = open!(topic)
         found = "#{name} #{topic}"
@@ -238,7 +240,7 @@ defmodule BB.RingTest do
       end
     end
 
-    test "the system's refusals are words" do
+    test "the errors of the system are formatted" do
       full = {:system, "/dev/shm/conduit_x", "create", 28}
       assert Ring.format_error(full) =~ "create failed: no space left in /dev/shm; remove topics"
       denied = {:system, "/dev/shm/conduit_x", "open", 13}
@@ -247,7 +249,7 @@ defmodule BB.RingTest do
   end
 
   describe "a subscriber" do
-    test "may come before its topic", %{topic: topic} do
+    test "may be opened before its topic", %{topic: topic} do
       %{ref: ref} = subscribe!(topic, active: true)
       publisher = open!(topic)
       await_readers(topic, 1)
@@ -255,7 +257,9 @@ defmodule BB.RingTest do
       assert_receive {:bb_ring, ^ref, %Message{data: "first"}}
     end
 
-    test "is told when the publisher closes and when another one comes", %{topic: topic} do
+    test "receives a message when the publisher closes and when another one opens", %{
+      topic: topic
+    } do
       publisher = open!(topic)
       %{ref: ref} = attached!(topic, active: true)
       :ok = Publisher.close(publisher)
@@ -267,7 +271,7 @@ defmodule BB.RingTest do
       assert_receive {:bb_ring, ^ref, %Message{data: "again"}}
     end
 
-    test "can start with what the ring still has", %{topic: topic} do
+    test "can start with the messages that the ring still has", %{topic: topic} do
       publisher = open!(topic)
       for n <- 0..9, do: :ok = Publisher.publish(publisher, "#{n}")
 
@@ -278,7 +282,7 @@ defmodule BB.RingTest do
                topic |> subscribe!(start: {:history, 3}) |> Subscriber.recv(2000)
     end
 
-    test "that falls behind learns how many messages it lost", %{topic: topic} do
+    test "that falls behind receives the number of lost messages", %{topic: topic} do
       publisher = open!(topic, slot_count: 4, slot_size: 64)
       subscriber = attached!(topic)
       for n <- 0..9, do: :ok = Publisher.publish(publisher, "#{n}")
@@ -289,7 +293,7 @@ defmodule BB.RingTest do
       assert {sequence, lost, data} == {6, 6, "6"}
     end
 
-    test "that is closed leaves its place and gets nothing more", %{topic: topic} do
+    test "that is closed releases its place and receives nothing more", %{topic: topic} do
       publisher = open!(topic)
       %{ref: ref} = subscriber = attached!(topic, active: true)
       :ok = Publisher.publish(publisher, "unread")
@@ -318,7 +322,7 @@ defmodule BB.RingTest do
       await_readers(topic, 0)
     end
 
-    test "lives as long as its owner, whoever refers to it", %{topic: topic} do
+    test "lives as long as its owner, whichever process refers to it", %{topic: topic} do
       publisher = open!(topic)
       %{ref: ref} = attached!(topic, active: true)
       :erlang.garbage_collect()
@@ -326,7 +330,7 @@ defmodule BB.RingTest do
       assert_receive {:bb_ring, ^ref, %Message{data: "still here"}}
     end
 
-    test "that is guarded survives that its file is cut off, and says so", %{topic: topic} do
+    test "that is guarded survives the truncation of its file, and reports it", %{topic: topic} do
       publisher = open!(topic)
       %{ref: ref} = subscribe!(topic, active: true, guard: :always)
       :ok = Publisher.publish(publisher, "whole")
@@ -334,10 +338,10 @@ defmodule BB.RingTest do
       {_, 0} = System.cmd("truncate", ["--size=0", "/dev/shm/conduit_#{topic}"])
       assert_receive {:bb_ring, ^ref, :publisher_down}
 
-      # The publisher, which maps the file, is left alone from here on: it goes with this process and touches nothing.
+      # The publisher, which maps the file, is not used from here on, and ends with this process.
     end
 
-    test "a topic has sixteen places, and a seventeenth subscriber is told so", %{topic: topic} do
+    test "a topic has sixteen places, and a seventeenth subscriber is an error", %{topic: topic} do
       _publisher = open!(topic)
       for _ <- 1..16, do: subscribe!(topic)
       await_readers(topic, 16)
@@ -346,11 +350,11 @@ defmodule BB.RingTest do
     end
   end
 
-  describe "a subscriber that takes one content" do
+  describe "a subscriber with a content" do
     @imu "sensor_msgs/msg/Imu"
     @scan "sensor_msgs/msg/LaserScan"
 
-    test "is refused on a topic of another one, and on one that says nothing", %{topic: topic} do
+    test "is refused on a topic of another content, and on one without a tag", %{topic: topic} do
       for {opts, tag} <- [{[content: @scan], Ring.content_tag(@scan)}, {[], 0}] do
         publisher = open!(topic, opts)
         assert {:error, {:other_content, ^tag} = reason} = Subscriber.open(topic, content: @imu)
@@ -360,7 +364,7 @@ defmodule BB.RingTest do
       end
     end
 
-    test "gets the messages of its own, and with untagged those of one that says nothing", %{
+    test "receives messages of its content, and with untagged those without a tag", %{
       topic: topic
     } do
       for {of, opts} <- [{[content: @imu], []}, {[], [untagged: true]}] do
@@ -373,7 +377,7 @@ defmodule BB.RingTest do
       end
     end
 
-    test "is told once when another one comes, gets nothing of it, and goes on after it", %{
+    test "receives one error about another content, none of its messages, and later its own", %{
       topic: topic
     } do
       %{ref: ref} = subscriber = subscribe!(topic, content: @imu, active: true)
@@ -400,7 +404,7 @@ defmodule BB.RingTest do
       Subscriber.close(subscriber)
     end
 
-    test "gets nothing of another one by asking for it either", %{topic: topic} do
+    test "receives nothing of another content by recv either", %{topic: topic} do
       subscriber = subscribe!(topic, content: @imu, start: {:history, 10})
       other = open!(topic, content: @scan, slot_count: 16, slot_size: 262_144)
       await_attached(topic, subscriber)
@@ -410,7 +414,7 @@ defmodule BB.RingTest do
       assert {:error, :timeout} = Subscriber.recv(subscriber, 50)
     end
 
-    # A passive subscriber looks for its topic when it is asked.
+    # A passive subscriber looks for its topic at each recv.
     defp await_attached(topic, subscriber) do
       {:error, :empty} = Subscriber.latest(subscriber)
 
@@ -430,7 +434,7 @@ defmodule BB.RingTest do
       {:ok, publisher: open!(topic, slot_count: 64, slot_size: 64)}
     end
 
-    test "a number is that many messages, then the word that the credits are used up", %{
+    test "a number is that many messages, then a message that the credits are used up", %{
       topic: topic,
       publisher: publisher
     } do
@@ -443,7 +447,7 @@ defmodule BB.RingTest do
       refute_received {:bb_ring, ^ref, _}
     end
 
-    test "numbers add up, and one that takes all back makes passive at once", %{
+    test "numbers add up, and a negative one that cancels them makes passive at once", %{
       topic: topic,
       publisher: publisher
     } do
@@ -466,7 +470,7 @@ defmodule BB.RingTest do
       refute_received {:bb_ring_passive, ^ref}
     end
 
-    test "who asks for the next one as soon as a message is there gets it, again and again", %{
+    test ":once after each message delivers the next one, again and again", %{
       topic: topic,
       publisher: publisher
     } do
@@ -479,7 +483,7 @@ defmodule BB.RingTest do
       end
     end
 
-    test "who has got its one message may receive the next one by hand at once", %{
+    test "recv may follow the message of :once directly", %{
       topic: topic,
       publisher: publisher
     } do
@@ -493,7 +497,7 @@ defmodule BB.RingTest do
       end
     end
 
-    test "without credits the ring goes on and the loss is counted", %{
+    test "without credits the ring continues, and the loss is counted", %{
       topic: topic,
       publisher: publisher
     } do
@@ -512,7 +516,7 @@ defmodule BB.RingTest do
       assert {:error, :active} = Subscriber.recv(subscriber, 0)
     end
 
-    test "recv waits for its time only, and the message that comes later is not lost", %{
+    test "recv ends with its timeout, and a later message is not lost", %{
       topic: topic,
       publisher: publisher
     } do
@@ -523,7 +527,7 @@ defmodule BB.RingTest do
       assert {:ok, %Message{data: "late", lost: 0}} = Subscriber.recv(subscriber, 1000)
     end
 
-    test "recv from several processes gives each message once", %{
+    test "recv in several processes returns each message once", %{
       topic: topic,
       publisher: publisher
     } do
@@ -534,7 +538,7 @@ defmodule BB.RingTest do
       assert Enum.sort(sequences) == Enum.to_list(0..7)
     end
 
-    test "latest skips to the newest and counts what it skipped", %{
+    test "latest skips to the newest and counts the skipped messages", %{
       topic: topic,
       publisher: publisher
     } do
@@ -549,7 +553,7 @@ defmodule BB.RingTest do
   describe "a topic whose file is removed" do
     import BB.Test.Eventually
 
-    test "is made anew also while nothing is published, and its owner and readers are told", %{
+    test "is made again also while nothing is published; owner and readers receive a message", %{
       topic: topic
     } do
       publisher = open!(topic)
@@ -567,14 +571,14 @@ defmodule BB.RingTest do
       assert {:ok, %Message{data: "before"}} = Subscriber.recv(late, 30_000)
     end
 
-    test "and whose name another publisher takes says so at once and goes on when it is free", %{
+    test "and whose name another publisher takes is an error until the name is free", %{
       topic: topic
     } do
       publisher = open!(topic)
       assert_lost(publisher, topic, usurp(topic))
     end
 
-    # The publisher looks several times a second: it may have its name back before another one gets it.
+    # The publisher checks several times a second, and may have its name again before another one.
     defp usurp(topic) do
       File.rm!(path(topic))
 
@@ -611,7 +615,7 @@ defmodule BB.RingTest do
       Enum.sum(for reader <- readers, do: reader.leases)
     end
 
-    test "lends the newest message and counts those it skipped", %{
+    test "lends the newest message and counts the skipped ones", %{
       publisher: publisher,
       subscriber: subscriber
     } do
@@ -647,11 +651,11 @@ defmodule BB.RingTest do
 
       assert held(topic) == 0
       published!(publisher, 4)
-      # 4, 8, 12 and 16 are the numbers of the slot that was held.
+      # 4, 8, 12 and 16 are the numbers of the held slot.
       assert {:ok, %{published: 19, dropped_pinned: 4}} = Ring.info(topic)
     end
 
-    test "stops no other subscriber, which counts what it costs", %{
+    test "stops no other subscriber, which counts the messages lost by it", %{
       topic: topic,
       publisher: publisher,
       subscriber: subscriber
@@ -672,11 +676,11 @@ defmodule BB.RingTest do
                end)
 
       assert {:ok, %{dropped_pinned: passed}} = Ring.info(topic)
-      # The first frame is what `latest` skipped.
+      # `latest` skipped the first frame.
       assert passed > 0 and lost == passed + 1
     end
 
-    test "drops a message, and says so, when every slot is held", %{topic: topic} do
+    test "drops a message with an error when all slots are held", %{topic: topic} do
       one = topic <> ".one"
       on_exit(fn -> File.rm("/dev/shm/conduit_#{one}") end)
       publisher = open!(one, slot_count: 1, slot_size: 200_000)
@@ -693,7 +697,7 @@ defmodule BB.RingTest do
       assert Ring.format_error(:slot_held) =~ "all slots"
     end
 
-    test "copies what is kept, and nothing else", %{publisher: publisher, subscriber: subscriber} do
+    test "copies kept parts, and nothing else", %{publisher: publisher, subscriber: subscriber} do
       :erlang.trace_pattern({BB.Ring.Native, :lease_detach, 1}, true, [:local])
       test = self()
 
@@ -771,7 +775,7 @@ defmodule BB.RingTest do
       assert data == frame(7)
     end
 
-    test "a function that raises gives the slot back", %{
+    test "a function that raises releases the slot", %{
       topic: topic,
       publisher: publisher,
       subscriber: subscriber
@@ -812,12 +816,15 @@ defmodule BB.RingTest do
       assert {:ok, 3} = Subscriber.with_frame(subscriber, & &1.sequence)
     end
 
-    test "of a closed subscriber says so", %{subscriber: subscriber} do
+    test "of a closed subscriber is an error", %{subscriber: subscriber} do
       :ok = Subscriber.close(subscriber)
       assert {:error, :closed} = Subscriber.with_frame(subscriber, &flunk(inspect(&1)))
     end
 
-    test "outlives the subscriber while it runs", %{publisher: publisher, subscriber: subscriber} do
+    test "outlives the subscriber while it runs", %{
+      publisher: publisher,
+      subscriber: subscriber
+    } do
       published!(publisher, 5)
 
       assert {:ok, true} =
@@ -828,7 +835,7 @@ defmodule BB.RingTest do
                end)
     end
 
-    test "returns no frame that is thrown away to the publisher late, storm or not", %{
+    test "releases a dropped frame in time, also during a storm", %{
       topic: topic,
       publisher: publisher,
       subscriber: subscriber
@@ -854,7 +861,7 @@ defmodule BB.RingTest do
   end
 
   describe "bad input" do
-    test "a topic name that is not allowed raises and says what is" do
+    test "an invalid topic name raises, and the error names what is valid" do
       for name <- ["", "a/b", "ä", String.duplicate("x", 201), :atom] do
         assert_raise ArgumentError, ~r/expected a topic's name of 1 to 200 characters/, fn ->
           Publisher.open(name)
@@ -862,7 +869,7 @@ defmodule BB.RingTest do
       end
     end
 
-    test "slots that are not allowed raise and say what was given", %{topic: topic} do
+    test "invalid slots raise with the given value", %{topic: topic} do
       assert_raise BB.Options.ValidationError, ~r/:slot_count.*power of two.*got: 3/, fn ->
         Publisher.open(topic, slot_count: 3)
       end
@@ -888,7 +895,7 @@ defmodule BB.RingTest do
       end
     end
 
-    test "what is no iodata raises, and the ring is unharmed", %{topic: topic} do
+    test "a term that is no iodata raises, and the ring is unharmed", %{topic: topic} do
       publisher = open!(topic)
       %{ref: ref} = attached!(topic, active: true)
       assert_raise ArgumentError, fn -> Publisher.publish(publisher, [:atom]) end

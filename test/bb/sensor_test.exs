@@ -83,7 +83,7 @@ defmodule BB.SensorTest do
       end
     end
 
-    test "that is none fails to compile" do
+    test "that is invalid fails to compile" do
       source =
         "defmodule BB.SensorTest.Bad do use BB.Sensor, options_schema: [a: [type: :flaot]] end"
 
@@ -136,7 +136,7 @@ defmodule BB.SensorTest do
       %{robot: robot}
     end
 
-    test "is from the joint that the sensor is attached to", %{robot: robot} do
+    test "uses the joint to which the sensor is attached", %{robot: robot} do
       path = [:base, :elbow, :encoder]
       assert BB.Sensor.publish_joint_state(robot, path, positions: [0.5]) == :ok
 
@@ -144,7 +144,7 @@ defmodule BB.SensorTest do
       assert %{names: [:elbow], positions: [0.5], velocities: [], efforts: []} = state
     end
 
-    test "is from the sensor itself elsewhere, with the names that are given", %{robot: robot} do
+    test "uses the sensor itself elsewhere, with the given names", %{robot: robot} do
       path = [:base, :pots]
       BB.Sensor.publish_joint_state(robot, path, names: [:a, :b], positions: [0.5, 1.0])
       assert_receive {:bb, [:sensor | ^path], %{frame_id: :pots, payload: %JointState{} = state}}
@@ -153,7 +153,7 @@ defmodule BB.SensorTest do
       assert_receive {:bb, [:sensor | ^path], %{payload: %JointState{names: [:pots]}}}
     end
 
-    test "raises for fields that are wrong", %{robot: robot} do
+    test "raises for wrong fields", %{robot: robot} do
       assert_raise BB.Options.ValidationError, fn ->
         BB.Sensor.publish_joint_state(robot, [:base, :pots], positions: ["far"])
       end

@@ -75,7 +75,7 @@ defmodule BB.TransmissionTest do
   end
 
   describe "unapply_to_payload" do
-    test "goes through a JointState pointwise" do
+    test "converts a JointState value by value" do
       message =
         Message.new!(JointState, :elbow,
           names: [:a, :b],
@@ -91,7 +91,7 @@ defmodule BB.TransmissionTest do
       assert %{joint | payload: nil} == %{message | payload: nil}
     end
 
-    test "leaves values of joints that move in the plane or freely, and other payloads, untouched" do
+    test "leaves values of planar and floating joints, and other payloads, unchanged" do
       pose = BB.Math.Transform2D.new(1.0, 2.0, 3.0)
       message = Message.new!(JointState, :base, names: [:a], positions: [pose])
       assert Transmission.unapply_to_payload(message, @reversed) == message
@@ -99,7 +99,7 @@ defmodule BB.TransmissionTest do
       assert Transmission.unapply_to_payload(message, @reversed) == message
     end
 
-    test "goes through a BeginMotion, its rates as magnitudes" do
+    test "converts a BeginMotion, its rates as magnitudes" do
       message =
         Message.new!(BeginMotion, :servo,
           initial_position: -50.0,
@@ -114,14 +114,14 @@ defmodule BB.TransmissionTest do
       assert Transmission.unapply_to_payload(message.payload, @reversed) == motion
     end
 
-    test "leaves an EndMotion untouched" do
+    test "leaves an EndMotion unchanged" do
       message = Message.new!(EndMotion, :servo, position: 1.0, reason: :completed)
       assert Transmission.unapply_to_payload(message, @reversed) == message
     end
   end
 
   describe "apply_to_command" do
-    test "goes through Position, Velocity and Effort" do
+    test "converts Position, Velocity and Effort" do
       for {module, joint, motor} <- [
             {Command.Position, [position: 1.25], %{position: -50.0, velocity: nil}},
             {Command.Position, [position: 0.25, velocity: 2.0],
@@ -136,7 +136,7 @@ defmodule BB.TransmissionTest do
       end
     end
 
-    test "goes through a Trajectory point by point" do
+    test "converts a Trajectory point by point" do
       message =
         Message.new!(Command.Trajectory, :servo,
           waypoints: [[position: 1.25, velocity: 2.0, acceleration: 1.0, time_from_start: 10]]
@@ -153,7 +153,7 @@ defmodule BB.TransmissionTest do
     defp key_order(key),
       do: Enum.find_index([:position, :velocity, :acceleration, :time_from_start], &(&1 == key))
 
-    test "leaves Hold and Stop, and what is no command, untouched" do
+    test "leaves Hold, Stop and other payloads unchanged" do
       for message <- [
             Message.new!(Command.Hold, :servo, []),
             Message.new!(Command.Stop, :servo, []),

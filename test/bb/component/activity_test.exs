@@ -32,20 +32,20 @@ defmodule BB.Component.ActivityTest do
 
   defp last_ns(activity, now), do: Activity.update(activity, now).last_ns
 
-  test "nothing is heard of what is published elsewhere", %{robot: robot, heartbeat: heartbeat} do
+  test "messages on other paths do not count", %{robot: robot, heartbeat: heartbeat} do
     start = now()
     activity = Activity.new(robot, @path, heartbeat, start)
     for path <- [[:sensor, :base], @path ++ [:raw], [:sensor]], do: publish(robot, path, now())
     assert last_ns(activity, now()) == start
   end
 
-  test "what was published before does not count", %{robot: robot, heartbeat: heartbeat} do
+  test "messages from before do not count", %{robot: robot, heartbeat: heartbeat} do
     publish(robot, @path, now())
     start = now()
     assert robot |> Activity.new(@path, heartbeat, start) |> last_ns(now()) == start
   end
 
-  test "a message is heard at its own time", %{robot: robot, heartbeat: heartbeat} do
+  test "a message counts at its own time", %{robot: robot, heartbeat: heartbeat} do
     activity = Activity.new(robot, @path, heartbeat, now())
     time = now()
     publish(robot, @path, time)
@@ -56,7 +56,7 @@ defmodule BB.Component.ActivityTest do
     assert last_ns(Activity.update(activity, later), now()) == later
   end
 
-  test "a message with a time that cannot be is heard now", %{robot: robot, heartbeat: heartbeat} do
+  test "a message with an impossible time counts now", %{robot: robot, heartbeat: heartbeat} do
     for impossible <- [-1_000_000_000_000, 1_000_000_000_000] do
       activity = Activity.new(robot, @path, heartbeat, now())
       publish(robot, @path, now() + impossible)
@@ -65,7 +65,7 @@ defmodule BB.Component.ActivityTest do
     end
   end
 
-  test "each type of message is heard, also a later one", %{robot: robot, heartbeat: heartbeat} do
+  test "each type of message counts, also a later one", %{robot: robot, heartbeat: heartbeat} do
     publish(robot, @path, now())
     activity = Activity.new(robot, @path, heartbeat, now())
     time = now()
@@ -73,7 +73,7 @@ defmodule BB.Component.ActivityTest do
     assert last_ns(activity, now()) == time
   end
 
-  test "a silence after messages is one", %{robot: robot, heartbeat: heartbeat} do
+  test "without a new message the time does not change", %{robot: robot, heartbeat: heartbeat} do
     activity = Activity.new(robot, @path, heartbeat, now())
     time = now()
     publish(robot, @path, time)
@@ -81,7 +81,7 @@ defmodule BB.Component.ActivityTest do
     for _ <- 1..3, do: assert(last_ns(activity, now()) == time)
   end
 
-  test "the heartbeat is heard as messages are", %{robot: robot, heartbeat: heartbeat} do
+  test "a heartbeat counts as a message does", %{robot: robot, heartbeat: heartbeat} do
     activity = Activity.new(robot, @path, heartbeat, now())
     Heartbeat.adopt(heartbeat)
     time = now()
@@ -89,7 +89,7 @@ defmodule BB.Component.ActivityTest do
     assert last_ns(activity, now()) == time
   end
 
-  test "a bus that is not there is silent", %{robot: robot, heartbeat: heartbeat} do
+  test "without a bus the time does not change", %{robot: robot, heartbeat: heartbeat} do
     start = now()
     activity = Activity.new(robot, @path, heartbeat, start)
     stop_supervised!({PubSub, robot})

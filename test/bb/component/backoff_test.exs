@@ -17,19 +17,19 @@ defmodule BB.Component.BackoffTest do
     delays
   end
 
-  test "a crash is retried after 100 ms, then after twice as long each time, up to 5 s where a start takes long" do
+  test "a crash is retried after 100 ms, then after twice as long, up to 5 s for a slow start" do
     assert delays(with_random(1.0), :crash, 8, 10_000) ==
              [100, 200, 400, 800, 1600, 3200, 5000, 5000]
 
     assert delays(with_random(1.0), :crash, 6, 300) == [100, 200, 400, 800, 1200, 1200]
   end
 
-  test "what starts at once is retried within 750 ms for ever, so that it is up within a second of its fault's end" do
+  test "a component that starts at once is always retried within 750 ms" do
     assert delays(with_random(1.0), :crash, 6) == [100, 200, 400, 750, 750, 750]
     assert delays(with_random(1.0), :crash, 1_000) |> Enum.max() == 750
   end
 
-  test "one slow start among quick ones, on a machine that stood still, makes no wait longer" do
+  test "one slow start among quick ones, on a machine that stood still, makes no delay longer" do
     quick = Enum.reduce(1..6, with_random(1.0), &elem(Backoff.next(&2, :crash, &1), 1))
     assert {750, backoff} = Backoff.next(quick, :crash, 2_000)
     assert {750, backoff} = Backoff.next(backoff, :crash, 1)
@@ -37,7 +37,7 @@ defmodule BB.Component.BackoffTest do
     assert {5_000, _} = Backoff.next(backoff, :crash, 2_000)
   end
 
-  test "an absent device is retried within 750 ms for ever" do
+  test "an absent device is always retried within 750 ms" do
     assert delays(with_random(1.0), :absent, 6) == [100, 200, 400, 750, 750, 750]
   end
 
@@ -46,7 +46,7 @@ defmodule BB.Component.BackoffTest do
     assert delays(with_random(0.5), :crash, 3) == [75, 150, 300]
   end
 
-  test "absences do not lengthen the wait after a crash" do
+  test "absences do not lengthen the delay after a crash" do
     {_, backoff} = Backoff.next(with_random(1.0), :absent)
     {_, backoff} = Backoff.next(backoff, :absent)
     assert {100, _} = Backoff.next(backoff, :crash)

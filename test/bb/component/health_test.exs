@@ -28,7 +28,7 @@ defmodule BB.Component.HealthTest do
       assert since <= System.monotonic_time(:nanosecond)
     end
 
-    test "tells the last error of a sensor also when it is up again" do
+    test "keeps the last error of a sensor that is up again" do
       robot = start_up(one_of_three())
       assert %{last_error: nil} = health(robot, :imu)
       imu(robot, handle_cast: fn :stop, state -> {:stop, :unplugged, state} end)
@@ -38,7 +38,7 @@ defmodule BB.Component.HealthTest do
       assert %{reason: nil, last_error: :unplugged} = health(robot, :imu)
     end
 
-    test "tells the last error in the words of the driver, and the rate that it declares with its parameters" do
+    test "has the last error as the driver formats it, and the rate declared for its parameters" do
       robot =
         robot do
           parameters do
@@ -61,7 +61,7 @@ defmodule BB.Component.HealthTest do
       assert health(robot, :imu).declared_hz == 20
     end
 
-    test "tells the rate at which a sensor publishes, and how old its last message is" do
+    test "has the measured rate of a sensor, and the age of its last message" do
       robot = start_up(one_of_three())
       {:ok, _} = BB.subscribe(robot, [:sensor, :first])
       :first |> first_count() |> then(&count_on(:first, &1, 20))

@@ -5,7 +5,7 @@ defmodule BB.Component.HeartbeatTest do
 
   doctest Heartbeat
 
-  test "has the defaults until its process says more" do
+  test "has the defaults until its process sets others" do
     heartbeat = Heartbeat.new(nil)
     Heartbeat.adopt(heartbeat)
 
@@ -18,12 +18,12 @@ defmodule BB.Component.HeartbeatTest do
     assert {-7, 9_000} = {Heartbeat.last_ns(heartbeat), Heartbeat.shutdown_ms(heartbeat)}
   end
 
-  test "tells the process how long it may be silent" do
+  test "has the max_silence of the process" do
     Heartbeat.adopt(Heartbeat.new(250_000_000))
     assert Heartbeat.max_silence_ns() == 250_000_000
   end
 
-  test "is nothing to a process that has none" do
+  test "does nothing in a process that has none" do
     assert :ok = Heartbeat.adopt(nil)
     assert :ok = Heartbeat.beat(1)
     assert :ok = Heartbeat.shut_down_within(1)

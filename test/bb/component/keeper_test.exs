@@ -25,7 +25,7 @@ defmodule BB.Component.KeeperTest do
       assert pid(robot, :imu) == pid
     end
 
-    test "is asked again as often as it takes" do
+    test "is retried until it answers" do
       robot = one_of_three()
       tries = :counters.new(1, [])
 
@@ -41,7 +41,7 @@ defmodule BB.Component.KeeperTest do
       assert :counters.get(tries, 1) == 6
     end
 
-    test "may also say {:error, reason}" do
+    test "may also return {:error, reason}" do
       robot = one_of_three()
       imu(robot, init: fn _ -> {:error, :enodev} end)
       start_supervised!(robot)
@@ -94,7 +94,7 @@ defmodule BB.Component.KeeperTest do
       assert_status(robot, :imu, %{state: :up, restarts: 0})
     end
 
-    test "does not hold up the robot's end" do
+    test "does not delay the robot's end" do
       robot = one_of_three()
       test = self()
 
@@ -113,7 +113,7 @@ defmodule BB.Component.KeeperTest do
       assert_received {:DOWN, ^ref, _, _, :killed}
     end
 
-    test "is told after five seconds: stale, with an alarm" do
+    test "makes the sensor stale after five seconds, with an alarm" do
       robot = one_of_three()
       imu(robot, init: fn _ -> receive do: (:go_on -> {:ok, nil}) end)
       start_watched(robot)
@@ -139,7 +139,7 @@ defmodule BB.Component.KeeperTest do
           "meets an error of the runtime",
           "is linked to what fails"
         ] do
-      test "because it #{how} is up again, with the reason told" do
+      test "because it #{how} is up again, and its status has the reason" do
         {fun, reason} = ending(unquote(how))
         robot = start_up(one_of_three())
         before = pid(robot, :imu)
@@ -197,7 +197,7 @@ defmodule BB.Component.KeeperTest do
       assert eventually(fn -> alarm(robot, [:base, :imu]) == nil end)
     end
 
-    test "is told by telemetry" do
+    test "emits a telemetry event" do
       robot = start_up(one_of_three())
       test = self()
 
@@ -214,8 +214,8 @@ defmodule BB.Component.KeeperTest do
     end
   end
 
-  describe "a sensor that asks for time to stop" do
-    test "gets it: the robot's end waits" do
+  describe "a sensor that sets the limit of its terminate/2" do
+    test "has that time: the robot's end waits" do
       robot = one_of_three()
       test = self()
 
@@ -232,7 +232,7 @@ defmodule BB.Component.KeeperTest do
       assert_received :stopped
     end
 
-    test "gets no more than that" do
+    test "has no more than that" do
       robot = one_of_three()
 
       imu(robot,
@@ -246,7 +246,7 @@ defmodule BB.Component.KeeperTest do
       assert_received {:DOWN, ^ref, _, _, :killed}
     end
 
-    test "gets it too when it has come up in this moment" do
+    test "has it too when it has just come up" do
       robot = one_of_three()
       test = self()
 
@@ -270,7 +270,7 @@ defmodule BB.Component.KeeperTest do
   end
 
   describe "a keeper that is killed" do
-    test "is started again; the old server is gone, and there is only one" do
+    test "is restarted; the old server has exited, and one server runs" do
       robot = start_up(one_of_three())
       old = pid(robot, :imu)
       siblings = {pid(robot, :first), pid(robot, :second)}
@@ -285,7 +285,7 @@ defmodule BB.Component.KeeperTest do
       assert {pid(robot, :first), pid(robot, :second)} == siblings
     end
 
-    test "leaves no server behind that hangs and traps exits" do
+    test "leaves no server that hangs and traps exits" do
       robot = one_of_three()
       test = self()
 
@@ -311,7 +311,7 @@ defmodule BB.Component.KeeperTest do
       refute pid(robot, :imu) == old
     end
 
-    test "leaves no alarm behind" do
+    test "leaves no alarm" do
       robot = one_of_three()
       imu(robot, init: fn _ -> {:stop, :absent} end)
       start_watched(robot)
@@ -347,7 +347,7 @@ defmodule BB.Component.KeeperTest do
       robot
     end
 
-    test "passed makes a sensor stale, with an alarm, until its next message" do
+    test "that has passed makes a sensor stale, with an alarm, until its next message" do
       robot = speaking(silent_robot())
       start_watched(robot, replay: true)
       assert_status(robot, :imu, %{state: :stale, reason: {:silent, 100}, retry_in_ms: nil})
@@ -360,7 +360,7 @@ defmodule BB.Component.KeeperTest do
       assert pid(robot, :imu) == before
     end
 
-    test "is not passed by a sensor that publishes" do
+    test "does not pass while a sensor publishes" do
       robot =
         robot do
           sensors do
@@ -375,7 +375,7 @@ defmodule BB.Component.KeeperTest do
       refute_received {:bb, [:sensor_status | _], %{payload: %{state: :stale}}}
     end
 
-    test "costs the keeper none of the messages" do
+    test "sends the keeper none of the messages" do
       robot =
         robot do
           sensors do
@@ -394,7 +394,7 @@ defmodule BB.Component.KeeperTest do
       assert test == self()
     end
 
-    test "is not passed by a sensor whose messages have times of their own" do
+    test "does not pass while a sensor publishes messages with arbitrary times" do
       for shift_ns <- [-60_000_000_000, 60_000_000_000] do
         robot =
           robot do
@@ -418,14 +418,14 @@ defmodule BB.Component.KeeperTest do
 
         start_up(robot)
         {:ok, _} = BB.subscribe(robot, [:sensor, :imu])
-        # Several times as long as it may be silent.
+        # Several times its max_silence.
         for _ <- 1..250, do: assert_receive({:bb, [:sensor, :imu], _message})
         assert %{state: :up} = health(robot, :imu)
         refute_received {:bb, [:sensor_status | _], %{payload: %{state: :stale}}}
       end
     end
 
-    test "is about what a sensor says of itself, where it publishes elsewhere" do
+    test "counts the heartbeats of a sensor that publishes elsewhere" do
       robot = silent_robot()
 
       imu(robot,
@@ -442,7 +442,7 @@ defmodule BB.Component.KeeperTest do
       assert_status(robot, :imu, %{state: :stale})
     end
 
-    test "is not passed unseen: found late, a message makes it up, then stale" do
+    test "does not pass unnoticed: a message found late makes it up, then stale" do
       robot = speaking(silent_robot())
       start_supervised!(robot)
       eventually(fn -> health(robot, :imu).state == :stale end)
@@ -458,14 +458,14 @@ defmodule BB.Component.KeeperTest do
       assert_status(robot, :imu, %{state: :stale})
     end
 
-    test "is known to the sensor itself" do
+    test "is readable by the sensor itself" do
       robot = silent_robot()
       imu(robot, handle_call: fn :ask, _, bb -> {:reply, BB.Sensor.max_silence_ns(), bb} end)
       start_up(robot)
       assert BB.call(robot, :imu, :ask) == 100_000_000
     end
 
-    test "is none of another sensor's" do
+    test "of one sensor does not apply to another" do
       robot = silent_robot()
       start_watched(robot, replay: true)
       assert_status(robot, :imu, %{state: :stale})
@@ -483,8 +483,8 @@ defmodule BB.Component.KeeperTest do
     end
   end
 
-  describe "the robot's registry that is about to be started again" do
-    test "lets no component of a keeper's start without its name" do
+  describe "a registry of the robot that is about to restart" do
+    test "lets no component with a keeper start without its name" do
       args = [
         __callback_module__: BB.Test.Probe,
         __kind__: BB.Sensor,

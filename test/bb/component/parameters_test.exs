@@ -10,7 +10,7 @@ defmodule BB.Component.ParametersTest do
   alias BB.Sensor.SensorProfile
 
   defmodule Tuned do
-    @moduledoc "A sensor that tells the process registered as `to:` what is called."
+    @moduledoc "A sensor that sends each call of a callback to the process registered as `to:`."
     use BB.Sensor,
       options_schema: [
         to: [type: :atom, required: true],
@@ -121,7 +121,7 @@ defmodule BB.Component.ParametersTest do
       assert opts[:level] == 2
     end
 
-    test "is checked when the robot starts: a startup value that the component refuses fails the start",
+    test "is checked at the robot's start, which fails for a value that the component refuses",
          %{
            robot: robot
          } do
@@ -131,7 +131,7 @@ defmodule BB.Component.ParametersTest do
                "invalid value for :level option: expected one of 1..10, got: 11 (in options [:base, :tuned])"
     end
 
-    test "stands for a limit's field, which BB.Parameter.resolve gives the value of now", %{
+    test "may be a limit's field, which BB.Parameter.resolve replaces by the current value", %{
       robot: robot
     } do
       start(robot)
@@ -179,7 +179,7 @@ defmodule BB.Component.ParametersTest do
       refute_received {:options, _}
     end
 
-    test "calls nothing when its value is the old one, or nobody refers to it", %{robot: robot} do
+    test "calls nothing when its value is the same, or without a reference", %{robot: robot} do
       start(robot)
       :ok = Parameter.set(robot, [:gain], 0.5)
       :ok = Parameter.set(robot, [:other], 1)
@@ -195,7 +195,7 @@ defmodule BB.Component.ParametersTest do
       refute_received {:info, _}
     end
 
-    test "reaches handle_info once through the user's own subscription", %{robot: robot} do
+    test "reaches handle_info once by the user's own subscription", %{robot: robot} do
       start(robot)
       :ok = BB.call(robot, :tuned, :subscribe)
       :ok = Parameter.set(robot, [:gain], 0.75)
@@ -206,7 +206,7 @@ defmodule BB.Component.ParametersTest do
       refute_received {:options, _}
     end
 
-    test "does not use up the user's time-out", %{robot: robot} do
+    test "does not end the user's time-out", %{robot: robot} do
       start(robot)
       :ok = BB.call(robot, :tuned, {:wait, 100})
       :ok = Parameter.set(robot, [:gain], 0.75)
@@ -214,7 +214,7 @@ defmodule BB.Component.ParametersTest do
       assert_receive {:info, :timeout}
     end
 
-    # Each component has handled all that came before this call.
+    # Each component has handled all messages from before this call.
     defp settle(robot),
       do: for(name <- [:tuned, :encoder], do: BB.call(robot, name, {:wait, :infinity}))
   end
@@ -230,7 +230,7 @@ defmodule BB.Component.ParametersTest do
       assert eventually(fn -> health(robot, :tuned).state == :up end)
     end
 
-    test "when the options have become invalid, and is up again when they are right", %{
+    test "when the options become invalid, and is up again when they are right", %{
       robot: robot
     } do
       {pid, _} = start(robot)
@@ -254,7 +254,7 @@ defmodule BB.Component.ParametersTest do
       assert opts[:level] == 10
     end
 
-    test "when handle_options crashes, and comes back with the new value", %{robot: robot} do
+    test "when handle_options crashes, and is up again with the new value", %{robot: robot} do
       {pid, _} = start(robot)
       ref = Process.monitor(pid)
       :ok = Parameter.set(robot, [:gain], 14.0)
@@ -264,7 +264,7 @@ defmodule BB.Component.ParametersTest do
     end
   end
 
-  test "no change is missed between a component's start and its init, and none is told twice", %{
+  test "no change is missed between a component's start and its init, and none comes twice", %{
     robot: robot
   } do
     {pid, _} = start(robot)
@@ -283,7 +283,7 @@ defmodule BB.Component.ParametersTest do
     settle(robot)
     {:ok, last} = Parameter.get(robot, [:gain])
 
-    # What was heard since the last init grows without a gap or a repetition, up to the value of now.
+    # The values since the last init grow without a gap or a repetition, up to the current one.
     gains = since_init([])
     assert gains == Enum.map(round(hd(gains) * 1000)..round(last * 1000)//1, &(&1 / 1000))
   end
@@ -303,7 +303,7 @@ defmodule BB.Component.ParametersTest do
     end
   end
 
-  test "components are up again when the robot's parameters start anew", %{robot: robot} do
+  test "components are up again when the robot's parameters restart", %{robot: robot} do
     {pid, _} = start(robot)
     ref = Process.monitor(pid)
     Process.exit(Process.whereis(Module.concat(robot, Parameters)), :kill)
@@ -314,7 +314,7 @@ defmodule BB.Component.ParametersTest do
     assert opts[:gain] == 0.9
   end
 
-  test "a kill of the robot's runtime restarts neither the root nor the topology, and all is up again",
+  test "a killed runtime restarts neither root nor topology, and all components are up again",
        %{robot: robot} do
     {pid, _} = start(robot)
     supervisors = supervisors(robot)
@@ -353,7 +353,7 @@ defmodule BB.Component.ParametersTest do
       refute_received {:options, _}
     end
 
-    test "that has become impossible stops the process", %{robot: robot} do
+    test "that has become invalid stops the process", %{robot: robot} do
       {_, pid} = start(robot)
       ref = Process.monitor(pid)
       :ok = Parameter.set(robot, [:gear, :ratio], 0.0)
@@ -363,7 +363,9 @@ defmodule BB.Component.ParametersTest do
                "invalid value for :reduction option: expected a number above zero, got: 0.0 (in options [:base, :elbow, :encoder, :transmission])"
     end
 
-    test "is applied by to_joint_space and publish_joint_state, as it is now", %{robot: robot} do
+    test "is applied by to_joint_space and publish_joint_state at its current values", %{
+      robot: robot
+    } do
       start(robot)
       {:ok, _} = BB.subscribe(robot, [:sensor])
       path = [:base, :elbow, :encoder]
@@ -381,7 +383,7 @@ defmodule BB.Component.ParametersTest do
       assert BB.Sensor.to_joint_space(robot, path, message).payload.positions == [-0.5]
     end
 
-    test "is nowhere: to_joint_space returns the message unchanged", %{robot: robot} do
+    test "that is not declared leaves the message of to_joint_space unchanged", %{robot: robot} do
       message = BB.Message.new!(BB.Message.Sensor.JointState, :x, names: [:x], positions: [1.0])
       assert BB.Sensor.to_joint_space(robot, [:base, :tuned], message) == message
       assert BB.Sensor.to_joint_space(SomeModule, [:x], message) == message

@@ -33,7 +33,7 @@ defmodule BB.Component.ServerTest do
   defp script(robot, callbacks), do: Probe.script(robot, :imu, callbacks)
   defp server(robot), do: BB.Process.whereis(robot, :imu)
 
-  # A robot whose sensor :imu sends the test {:init, opts, pid} and has an init that returns what is given.
+  # A robot whose sensor :imu sends the test {:init, opts, pid}, and whose init returns `result`.
   defp started(robot, init, callbacks \\ []) do
     test = self()
 
@@ -51,7 +51,7 @@ defmodule BB.Component.ServerTest do
     %{opts: opts, pid: pid}
   end
 
-  # A callback that tells the test what it was called with, and returns what `fun` does.
+  # A callback that sends the test its arguments, and returns the result of `fun`.
   defp telling(name, fun) do
     test = self()
 
@@ -71,7 +71,7 @@ defmodule BB.Component.ServerTest do
   end
 
   describe "init" do
-    test "gets the options with defaults and opts[:bb], which is exactly robot and path", %{
+    test "receives the options with defaults and opts[:bb], which is exactly robot and path", %{
       robot: robot
     } do
       %{opts: opts} = started(robot, {:ok, :s})
@@ -80,7 +80,7 @@ defmodule BB.Component.ServerTest do
       assert Keyword.keys(opts) |> Enum.sort() == [:bb, :rate, :sensor_profile]
     end
 
-    test "gets a sensor profile with the joint that the sensor is attached to", %{robot: robot} do
+    test "receives a sensor profile with the joint of the sensor", %{robot: robot} do
       test = self()
 
       Probe.script(robot, :encoder,
@@ -121,7 +121,7 @@ defmodule BB.Component.ServerTest do
       assert_received {:handle_continue, :more, :s}
     end
 
-    test ":ignore turns the sensor off; it is not asked again", %{robot: robot} do
+    test ":ignore turns the sensor off; it is not restarted", %{robot: robot} do
       %{pid: pid} = started(robot, :ignore)
       assert gone?(pid)
       assert eventually(fn -> health(robot, :imu).state == :ignored end)
@@ -132,7 +132,7 @@ defmodule BB.Component.ServerTest do
     end
   end
 
-  describe "what a callback returns:" do
+  describe "the return value of a callback:" do
     defp called(robot, fun, more \\ []) do
       started(robot, {:ok, :s}, [{:handle_call, telling(:handle_call, fun)} | more])
     end
@@ -190,7 +190,7 @@ defmodule BB.Component.ServerTest do
       assert_receive {:terminated, :again, :s}
     end
 
-    test "{:noreply, …} of handle_cast, handle_info and handle_continue, with all that may follow",
+    test "{:noreply, …} of handle_cast, handle_info and handle_continue, in all its forms",
          %{robot: robot} do
       %{pid: pid} =
         started(robot, {:ok, 0},
@@ -214,14 +214,14 @@ defmodule BB.Component.ServerTest do
       assert_hibernates(pid)
     end
 
-    test "anything else is a crash, as in GenServer", %{robot: robot} do
+    test "any other value is a crash, as in GenServer", %{robot: robot} do
       called(robot, fn _from, _state -> :nonsense end)
       assert {{:bad_return_value, :nonsense}, _} = catch_exit(BB.call(robot, :imu, :ping))
     end
   end
 
   describe "defaults" do
-    test "a call is answered {:error, :not_implemented}; casts and messages are ignored", %{
+    test "reply {:error, :not_implemented} to a call, and ignore casts and messages", %{
       robot: robot
     } do
       start_supervised!(robot)
@@ -251,7 +251,7 @@ defmodule BB.Component.ServerTest do
       assert :sys.get_state(pid).user_state == %{robot: robot, path: [:base, :imu]}
     end
 
-    test "returns what init says", %{robot: robot} do
+    test "returns the result of init", %{robot: robot} do
       script(robot, init: fn _ -> {:stop, :no_device} end)
       assert start_alone(robot) == {:error, :no_device}
       script(robot, init: fn _ -> :ignore end)
@@ -280,7 +280,7 @@ defmodule BB.Component.ServerTest do
       assert_received {:terminated, :shutdown}
     end
 
-    test "goes down with a process that it is linked to, and keeps the time-out when that ends normally",
+    test "goes down with a linked process, and keeps the time-out when that exits normally",
          %{robot: robot} do
       test = self()
 

@@ -12,21 +12,21 @@ defmodule BB.Component.ShutdownLimitTest do
     :ok
   end
 
-  test "a component has its own time, as long as no other was late" do
+  test "a component has its own limit while no other was late" do
     assert ShutdownLimit.limit_ms(Robot, 5_000) == 5_000
     ShutdownLimit.record(Robot, :noproc)
     ShutdownLimit.record(Robot, {:normal, {GenServer, :stop, []}})
     assert ShutdownLimit.limit_ms(Robot, 5_000) == 5_000
   end
 
-  test "after one that was late each has a second, or what it has said itself" do
+  test "after one that was late each has a second, or the limit that it has set" do
     ShutdownLimit.record(Robot, {:timeout, {GenServer, :stop, []}})
     assert ShutdownLimit.limit_ms(Robot, 5_000) == 1_000
     assert ShutdownLimit.limit_ms(Robot, 200) == 200
     assert ShutdownLimit.limit_ms(Robot, 12_000) == 12_000
   end
 
-  test "without a registry each has its own time" do
+  test "without a registry each has its own limit" do
     :ok = stop_supervised(BB.Process.registry_name(Robot))
     ShutdownLimit.record(Robot, :timeout)
     assert ShutdownLimit.limit_ms(Robot, 5_000) == 5_000

@@ -25,7 +25,7 @@ defmodule BB.Component.StatusTest do
     assert %{state: :up, reason: nil, restarts: 1, since_ns: 3} = Status.up(status, 3)
   end
 
-  test "what is wrong with one that goes on is its last error, and changes nothing else" do
+  test "trouble of a component that runs on is its last error, and changes nothing else" do
     up = Status.up(new(), 1)
     assert %{last_error: :file_renewed} = troubled = Status.put_last_error(up, :file_renewed)
     assert %{troubled | last_error: nil} == up
@@ -33,12 +33,12 @@ defmodule BB.Component.StatusTest do
     assert Status.put_error_text(troubled, up, &"words of #{&1}").error == "words of file_renewed"
   end
 
-  test "going down again for another reason keeps the time at which it went down" do
+  test "another reason while it is down does not change the time at which it went down" do
     status = new() |> Status.down(:absent, :a, 1) |> Status.down(:absent, :b, 2)
     assert %{since_ns: 1, reason: :b, retry_in_ms: 200} = status
   end
 
-  test "what is slow to start and crashes is tried again less often" do
+  test "a component that starts slowly and crashes is retried less often" do
     up = fn status, init_ns -> Status.up(status, status.started_ns + init_ns) end
 
     crashed = fn init_ns ->
@@ -55,12 +55,12 @@ defmodule BB.Component.StatusTest do
     assert crashed.(60 * @second).retry_in_ms == 5_000
   end
 
-  test "the time in which init ran is no stable run" do
+  test "the time of init is no stable run" do
     status = new() |> Status.down(:crash, :a, 0) |> Status.down(:crash, :b, 60 * @second)
     assert status.retry_in_ms == 200
   end
 
-  test "a stable run forgets the failures, staleness in it or not" do
+  test "a stable run resets the failures, with staleness in it or not" do
     down = new() |> Status.down(:crash, :a, 0)
     up = Status.up(down, @second)
     assert Status.down(up, :crash, :b, 2 * @second).retry_in_ms == 100
@@ -69,7 +69,7 @@ defmodule BB.Component.StatusTest do
     assert Status.down(up, :crash, :b, 2 * @second - 1).retry_in_ms == 200
   end
 
-  test "what is heard ends a silence, but not that of an init" do
+  test "activity ends a silence, but not that of an init" do
     stale = new() |> Status.up(1) |> Status.stale({:silent, 1}, 2)
     assert %{state: :up, reason: nil, since_ns: 3} = Status.active(stale, 3)
     hanging = Status.stale(new(), {:init_timeout, 1}, 2)
@@ -78,7 +78,7 @@ defmodule BB.Component.StatusTest do
     assert Status.active(up, 2) == up
   end
 
-  test "news is another state or another reason" do
+  test "a change is another state or another reason" do
     down = Status.down(new(), :absent, :a, 1)
     refute Status.changed?(down, Status.down(down, :absent, :a, 2))
     assert Status.changed?(down, Status.down(down, :absent, :b, 2))

@@ -1,7 +1,8 @@
 defmodule BB.Component.StormTest do
   @moduledoc """
-  Faults of every kind on one sensor of a robot of twenty. `FAULTS=1000 mix test test/bb/component/storm_test.exs` makes as many,
-  and also measures how long after each fault's end the sensor is up, less the time in which the VM stood still.
+  Faults of every kind on one sensor of a robot of twenty. `FAULTS=1000 mix test
+  test/bb/component/storm_test.exs` makes as many, and also measures how long after each fault's
+  end the sensor is up, less the time in which the VM stood still.
   """
 
   use ExUnit.Case, async: true
@@ -16,8 +17,7 @@ defmodule BB.Component.StormTest do
 
   @siblings for n <- 1..19, do: :"sibling_#{n}"
 
-  # `{name, what is scripted, how it is set off, how it ends beside the end of the script}`. The last callback of a script is the one
-  # that fails.
+  # `{name, script, trigger, further end}`. The last callback of a script fails.
   defp faults do
     [
       {"init raises", [init: fn _ -> raise "broken" end], &kill/1},
@@ -90,7 +90,8 @@ defmodule BB.Component.StormTest do
     )
   end
 
-  test "injected faults on one sensor of a robot of twenty: no sibling misses a sample or changes its pid, the robot's supervisors never restart, and the faulty one is up within 1 s of the fault's end" do
+  test "faults of one sensor of twenty cost no sibling a sample or its pid, restart no supervisor, " <>
+         "and the sensor is up within 1 s of each fault's end" do
     robot = twenty()
     start_supervised!(robot)
     assert eventually(fn -> Enum.all?(BB.Sensor.health(robot), &(&1.state == :up)) end)
@@ -126,7 +127,8 @@ defmodule BB.Component.StormTest do
 
   defp count, do: String.to_integer(System.get_env("FAULTS") || "#{length(faults())}")
 
-  # Returns after how many milliseconds from the fault's end on the sensor was up, less the standstill, and the longest retry meanwhile.
+  # Returns the milliseconds from the fault's end until the sensor was up, less the standstill,
+  # and the longest retry meanwhile.
   defp strike(robot, {name, script, set_off}, standstill),
     do: strike(robot, {name, script, set_off, fn _struck -> :ok end}, standstill)
 
@@ -162,7 +164,7 @@ defmodule BB.Component.StormTest do
     end
   end
 
-  # The last callback tells the test in which process it strikes.
+  # The last callback sends the test the process in which it fails.
   defp telling([]), do: []
 
   defp telling(script) do
@@ -183,7 +185,7 @@ defmodule BB.Component.StormTest do
     struck_last(pid)
   end
 
-  # A fault of init may strike more than once.
+  # A fault of init may occur more than once.
   defp struck_last(pid) do
     receive do
       {:struck, pid} -> struck_last(pid)
@@ -207,7 +209,7 @@ defmodule BB.Component.StormTest do
     end
   end
 
-  # The callbacks of a sensor that has no fault.
+  # The callbacks of a sensor without a fault.
   defp heal(script) do
     healthy = [
       init: fn opts -> {:ok, opts[:bb]} end,

@@ -24,7 +24,7 @@ defmodule BB.Handoff.CdrTest do
     ])
   end
 
-  property "what is encoded decodes to itself, whatever lies behind it" do
+  property "encoded values decode to themselves, whatever follows them" do
     forall {fields, rest} <- {list(typed()), binary()} do
       {types, values} = Enum.unzip(fields)
       bytes = IO.iodata_to_binary([Cdr.encode(types, values), rest])
@@ -61,17 +61,17 @@ defmodule BB.Handoff.CdrTest do
     end
   end
 
-  test "a count that lies is an error, not an allocation" do
+  test "a false count is an error, not an allocation" do
     assert {:error, {:truncated, _}} =
              Cdr.decode(<<0, 1, 0, 0, 0xFFFFFFFF::32>>, [{:sequence, :f64}])
   end
 
-  test "a big-endian message or none at all is told apart" do
+  test "a big-endian message and an empty one are distinct errors" do
     assert {:error, :not_little_endian_cdr} = Cdr.decode(<<0, 0, 0, 0, 1::32>>, [:u32])
     assert {:error, :not_little_endian_cdr} = Cdr.decode("", [:u32])
   end
 
-  test "a number that is not finite is an error that says where" do
+  test "a number that is not finite is an error with its offset" do
     assert {:error, {:invalid, :f64, 0}} = Cdr.decode(<<0, 1, 0, 0, 0::48, 0xF07F::16>>, [:f64])
   end
 end

@@ -1,5 +1,7 @@
 defmodule BB.Ring.LanguagesTest do
-  @moduledoc "C++, Python, Rust and Elixir at once on four topics, one of each: native/languages/README.md."
+  @moduledoc """
+  C++, Python, Rust and Elixir at once on four topics, one of each: native/languages/README.md.
+  """
 
   use ExUnit.Case, async: true
 
@@ -11,10 +13,10 @@ defmodule BB.Ring.LanguagesTest do
   @programs ~w(cpp python rust)
   @count 500
   @window 16
-  # Longer than any pause; only a failing peer is waited for so long.
+  # Longer than any pause, so that only a failing peer is waited for so long.
   @limit 60_000
 
-  # From nothing, packages are fetched and compiled first.
+  # On a new machine packages are fetched and compiled first.
   @moduletag timeout: 600_000
 
   setup_all do
@@ -66,7 +68,7 @@ defmodule BB.Ring.LanguagesTest do
       :stderr_to_stdout,
       line: 1000,
       args: arguments,
-      # A node says when a publisher comes and goes.
+      # A node reports when a publisher opens and closes.
       env: [{~c"CONDUIT_LOG", ~c"error"}]
     ])
   end
@@ -90,7 +92,7 @@ defmodule BB.Ring.LanguagesTest do
     end
   end
 
-  # Publishes and reads until it has all of each topic: {messages, bytes} of each.
+  # Publishes and reads until all messages of each topic have come: {messages, bytes} of each.
   defp exchange(publisher, subscribers, peers) do
     received = Map.new(subscribers, &{&1.topic, {0, 0}})
     topics = Map.new(subscribers, &{&1.ref, &1.topic})
@@ -107,7 +109,8 @@ defmodule BB.Ring.LanguagesTest do
 
   defp least(received), do: received |> Map.values() |> Enum.min() |> elem(0)
 
-  # Message n goes out once message n - @window of every other topic is here, so that nobody is ever overtaken.
+  # Message n is published once message n - @window of every other topic has come, so that no
+  # reader is ever overtaken.
   defp publish(next, least, publisher) when next < @count and next + 1 - @window <= least do
     assert :ok = Publisher.publish(publisher, Languages.message(publisher.topic, next))
     publish(next + 1, least, publisher)

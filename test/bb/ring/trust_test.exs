@@ -1,6 +1,6 @@
 defmodule BB.Ring.TrustTest do
-  # Not async: whom the configuration trusts is for the whole VM. Only root can play another user: for others the file stays
-  # theirs (`mine?`), and these tests test nothing.
+  # Not async: the configuration's trust is that of the whole VM. Only root can act as another
+  # user. For any other user the file stays its own (`mine?`), and these tests test nothing.
   use ExUnit.Case, async: false
 
   import BB.Test.Eventually
@@ -12,14 +12,14 @@ defmodule BB.Ring.TrustTest do
     topic = BB.Test.Native.topic()
     {:ok, publisher} = Publisher.open(topic)
     :ok = Publisher.publish(publisher, "bait")
-    # As a death would, that leaves the file behind: a copy has nobody's lock.
+    # A copy of the file carries no lock, like the file of a publisher that died.
     :ok = File.cp(path(topic), path(topic) <> ".copy")
     :ok = Publisher.close(publisher)
     :ok = File.rename(path(topic) <> ".copy", path(topic))
     {:ok, topic: topic, mine?: File.chown(path(topic), 65_534) != :ok}
   end
 
-  test "is refused by publishers, with its owner in words", %{topic: topic, mine?: mine?} do
+  test "is refused by publishers, with its owner's name", %{topic: topic, mine?: mine?} do
     unless mine? do
       assert {:error, {:foreign_owner, path, 65_534, _name} = reason} = Publisher.open(topic)
       assert path == path(topic)
@@ -29,7 +29,7 @@ defmodule BB.Ring.TrustTest do
     end
   end
 
-  test "is looked at and read whatever its owner does to it", %{topic: topic, mine?: mine?} do
+  test "is read and inspected whatever its owner does to it", %{topic: topic, mine?: mine?} do
     unless mine? do
       script = "while :; do truncate -s 0 $0; truncate -s 1300 $0; cat $1 > $0; done"
       bait = Path.join(System.tmp_dir!(), topic)
@@ -38,13 +38,13 @@ defmodule BB.Ring.TrustTest do
       port = Port.open({:spawn_executable, "/bin/sh"}, args)
       {:os_pid, os_pid} = Port.info(port, :os_pid)
 
-      # The shell of a port leads a group, in which are the programs that it calls.
+      # The shell of a port leads a process group, which contains the programs that it calls.
       on_exit(fn ->
         assert {_, 0} = System.cmd("kill", ["-KILL", "--", "-#{os_pid}"])
         File.rm(bait)
       end)
 
-      # Until the owner is at work, and then for a while.
+      # Until the owner has begun, and then for a while.
       eventually(fn -> look(topic) == :error end, 30_000)
       for _ <- 1..3000, do: look(topic)
       {:ok, %{ref: ref}} = Subscriber.open(topic, active: true, start: :latest)
@@ -54,7 +54,7 @@ defmodule BB.Ring.TrustTest do
     end
   end
 
-  test "is anybody's whom the configuration trusts", %{topic: topic, mine?: mine?} do
+  test "may belong to any user whom the configuration trusts", %{topic: topic, mine?: mine?} do
     unless mine? do
       trust(trusted_users: [65_534])
       assert {:ok, publisher} = Publisher.open(topic)
@@ -64,7 +64,7 @@ defmodule BB.Ring.TrustTest do
     end
   end
 
-  test "is nobody's by a list that is none, which is told", %{topic: topic} do
+  test "is trusted by no invalid list, which raises", %{topic: topic} do
     for bad <- [[trusted_users: 1001], [trusted_user: []], [trusted_groups: [-1]], :all] do
       trust(bad)
       error = assert_raise ArgumentError, fn -> Ring.info(topic) end

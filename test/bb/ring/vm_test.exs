@@ -1,7 +1,8 @@
 defmodule BB.Ring.VmTest do
   @moduledoc """
-  What the ring may never do to the VM that hosts it: crash it, keep it from halting, hold a scheduler, or leave threads, descriptors, mappings
-  or memory behind. Some of it is counted for the whole VM, so nothing else may run meanwhile.
+  The ring never crashes its VM, never keeps it from halting, never holds a scheduler, and leaves
+  no threads, descriptors, mappings or memory. Some of these are counted for the whole VM, so
+  nothing else may run meanwhile.
   """
 
   use ExUnit.Case, async: false
@@ -16,14 +17,14 @@ defmodule BB.Ring.VmTest do
   @frames [slot_count: 4, slot_size: 2_100_000]
 
   describe "an owner that is killed" do
-    test "in the midst of publishing leaves a topic that goes on, and nothing torn or numbered twice" do
+    test "while publishing leaves a topic that continues, with no message torn or numbered twice" do
       topic = topic()
       options = [slot_count: 4, slot_size: 310_000]
       reader = Task.async(fn -> accept_until(topic, "the end") end)
 
       for _round <- 1..60 do
         {owner, publisher} = publishing_owner(topic, options)
-        # Others publish through it, too: they are told when its owner is gone.
+        # Other processes publish through it too, and receive an error when its owner has exited.
         guest = Task.async(fn -> publish_for_ever(publisher) end)
         pause(8)
         kill(owner)
@@ -42,7 +43,7 @@ defmodule BB.Ring.VmTest do
       assert epoch >= 60
     end
 
-    test "in the midst of receiving leaves no reader slot and no thread" do
+    test "while receiving leaves no reader slot and no thread" do
       topic = topic()
       {publishing, _publisher} = publishing_owner(topic, @frames)
       before = holdings()
@@ -89,7 +90,7 @@ defmodule BB.Ring.VmTest do
       assert_flat(before)
     end
 
-    # Closed in turn by hand, by the death of the owner, and by a close in the midst of delivery.
+    # Closed in turn by close, by the death of the owner, and by a close during delivery.
     defp open_and_close(topic, times) do
       for n <- 1..times do
         {:ok, publisher} = Publisher.open(topic)
@@ -116,7 +117,7 @@ defmodule BB.Ring.VmTest do
   end
 
   describe "garbage collection" do
-    test "storms harm no message, and neither messages nor handles that were dropped stay" do
+    test "storms harm no message, and dropped messages and handles are freed" do
       topic = topic()
       {publishing, publisher} = publishing_owner(topic, @frames)
       before = holdings()
@@ -135,7 +136,8 @@ defmodule BB.Ring.VmTest do
       kill(publishing)
     end
 
-    # Keeps some messages, drops others, collects at each, and hands the handles to processes that drop them.
+    # Keeps some messages, drops others, collects at each, and passes the handles to processes
+    # that drop them.
     defp storm(subscriber, _publisher, 0, kept) do
       :ok = Subscriber.close(subscriber)
       kept
@@ -170,7 +172,7 @@ defmodule BB.Ring.VmTest do
   end
 
   describe "ten subscribers at once" do
-    test "each get every message, whole and in order" do
+    test "each receive every message, whole and in order" do
       topic = topic()
       {:ok, publisher} = Publisher.open(topic, slot_count: 1024, slot_size: 4096)
 
@@ -198,7 +200,7 @@ defmodule BB.Ring.VmTest do
     end
   end
 
-  describe "a VM that halts while ten subscribers get messages" do
+  describe "a VM that halts while ten subscribers receive messages" do
     @ways [
       {"System.halt", "System.halt(0)"},
       {"a halt that does not flush", ":erlang.halt(0, flush: false)"},
@@ -258,7 +260,7 @@ defmodule BB.Ring.VmTest do
       assert status == 0
       refute_received {^port, {:data, _complaint}}
       refute File.exists?(dump)
-      # What a process that ended leaves is taken by the next that comes.
+      # The next process takes the place of one that has exited.
       {:ok, subscriber} = Subscriber.open(topic)
       await_readers(topic, 1)
       :ok = Subscriber.close(subscriber)
@@ -266,11 +268,12 @@ defmodule BB.Ring.VmTest do
   end
 
   describe "schedulers" do
-    # A copy of two megabytes takes well under a millisecond; what waited for another process would sleep for half a second. The bound leaves room for
-    # a loaded machine, on which the kernel takes the scheduler's thread away.
+    # A copy of two megabytes takes well under a millisecond. A call that waited for another
+    # process would sleep for half a second. The bound allows for a loaded machine, on which the
+    # kernel suspends the scheduler's thread.
     @long_ms 200
 
-    test "are held by nobody for #{@long_ms} ms while frames of two megabytes are published and received" do
+    test "are not held for #{@long_ms} ms while frames of two megabytes are sent and received" do
       topic = topic()
       :erlang.system_monitor(self(), [{:long_schedule, @long_ms}])
       on_exit(fn -> :erlang.system_monitor(:undefined) end)
@@ -330,7 +333,7 @@ defmodule BB.Ring.VmTest do
     end
   end
 
-  # A block of random bytes, repeated, behind its checksum: cheap to make and to check at any size.
+  # A checksum, then a block of random bytes, repeated: cheap to make and to check at any size.
   defp proof(size) do
     body = binary_part(:binary.copy(:crypto.strong_rand_bytes(64), div(size, 64) + 1), 0, size)
     <<:erlang.crc32(body)::32, body::binary>>
@@ -338,7 +341,7 @@ defmodule BB.Ring.VmTest do
 
   defp proven?(<<sum::32, body::binary>>), do: sum == :erlang.crc32(body)
 
-  # Publishes messages of all sizes from the moment when this returns until it is killed.
+  # Publishes messages of all sizes from the return of this function until it is killed.
   defp publishing_owner(topic, options) do
     test = self()
 
@@ -361,7 +364,7 @@ defmodule BB.Ring.VmTest do
       {:error, :closed} ->
         :closed
 
-      # Not every topic has room for the longest.
+      # The longest message does not fit into every topic.
       result when result in [:ok, {:error, :message_too_large}] ->
         if :rand.uniform(4) == 1, do: pause(2)
         publish_for_ever(publisher)
@@ -378,7 +381,7 @@ defmodule BB.Ring.VmTest do
     recv_for_ever(subscriber)
   end
 
-  # Sequence number and wholeness of each message, up to the last.
+  # The sequence number of each message, and whether it is whole, up to the last.
   defp accept_until(topic, last) do
     {:ok, subscriber} = Subscriber.open(topic)
     fn -> Subscriber.recv(subscriber, 20_000) end |> Stream.repeatedly() |> collect_until(last)
@@ -391,7 +394,7 @@ defmodule BB.Ring.VmTest do
     |> Enum.map(&{&1.sequence, proven?(&1.data)})
   end
 
-  # The reader may be behind, and lose it.
+  # A reader that is behind may lose it.
   defp publish_until_answered(publisher, data, task) do
     :ok = Publisher.publish(publisher, data)
 
@@ -401,7 +404,7 @@ defmodule BB.Ring.VmTest do
     end
   end
 
-  # The one who held the topic may still be inside its last publish.
+  # The process that held the topic may still be in its last publish.
   defp reopen(topic, options) do
     eventually(fn ->
       case Publisher.open(topic, options) do
@@ -431,7 +434,7 @@ defmodule BB.Ring.VmTest do
     assert_receive {:DOWN, ^monitor, _, _, _}
   end
 
-  # How much more than before is no leak: allocators keep some of what they were given.
+  # The growth that is no leak: allocators keep some freed memory.
   @slack %{
     threads: 0,
     descriptors: 0,
@@ -449,7 +452,7 @@ defmodule BB.Ring.VmTest do
     %{
       threads: length(File.ls!("/proc/self/task")),
       descriptors: length(File.ls!("/proc/self/fd")),
-      # A file that was made without a name shows by its folder.
+      # A file without a name shows by its folder.
       topics_mapped: Enum.count(maps, &String.contains?(&1, "/dev/shm")),
       mappings: length(maps),
       bytes: :erlang.memory(:total),
@@ -457,7 +460,7 @@ defmodule BB.Ring.VmTest do
     }
   end
 
-  # Threads and terms are gone a moment after they have ended.
+  # Threads and terms are freed a moment after they have ended.
   defp assert_flat(before) do
     eventually(fn -> grown(before, holdings()) == [] end)
   rescue

@@ -1,5 +1,7 @@
 defmodule BB.Ring.WireFormatTest do
-  @moduledoc "Holds that docs/wire-format.md says what `BB.Ring` does; the encodings' dumps are held by their own tests."
+  @moduledoc """
+  Compares docs/wire-format.md with `BB.Ring`. The tests of the encodings compare their dumps.
+  """
 
   use ExUnit.Case, async: true
 
@@ -8,7 +10,7 @@ defmodule BB.Ring.WireFormatTest do
   alias BB.Ring.{Message, Publisher, Subscriber}
   alias BB.Test.Vectors
 
-  # Where two files of the same content differ, as the dumps say: offset and length.
+  # The offset and length of the bytes in which two files of the same content differ.
   @varies [{32, 16}, {80, 4}, {88, 16}, {1228, 8}, {1292, 8}]
 
   @options [slot_count: 2, slot_size: 64, content: "text/plain"]
@@ -32,7 +34,7 @@ defmodule BB.Ring.WireFormatTest do
     end
   end
 
-  test "what there is to know of a segment is as the page says" do
+  test "the state of a segment is as the page says" do
     topic = topic()
     File.write!(file(topic), Vectors.read!("segment"))
 

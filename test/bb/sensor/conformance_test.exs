@@ -23,7 +23,7 @@ defmodule BB.Sensor.ConformanceTest do
       do: {:ok, <<rem(chip.count, 2)>>, %{chip | count: chip.count + 1}}
   end
 
-  # A driver that is right unless it was given a sin.
+  # A driver that is right unless its options name a fault, its sin.
   defmodule Driver do
     use BB.Sensor,
       options_schema: [
@@ -116,7 +116,7 @@ defmodule BB.Sensor.ConformanceTest do
       sensor.i2c.close(sensor.bus)
     end
 
-    # Also when it is tried again: which of its ends is looked at first, the scheduler decides.
+    # Also after a restart: the scheduler decides which of its exits is read first.
     defp no_answer(sensor) do
       if sin?(sensor, :has_no_words), do: {:e, 42}, else: {:no_answer, sensor.opts[:address]}
     end
@@ -136,7 +136,7 @@ defmodule BB.Sensor.ConformanceTest do
     other_device: {Chip, id: 8},
     new_options: [rate: 20]
 
-  # A driver of a line, that publishes each edge.
+  # A driver of a line that publishes each edge.
   defmodule Edges do
     use BB.Sensor, options_schema: [line: [type: :any, required: true]]
 
@@ -193,7 +193,7 @@ defmodule BB.Sensor.ConformanceTest do
   end
 
   describe "a driver does not pass" do
-    # Those that show by what does not come end by their patience.
+    # A sin that shows by a missing message ends by the patience.
     for {sin, check, words, opts} <-
           [
             takes_any_chip:
@@ -220,12 +220,12 @@ defmodule BB.Sensor.ConformanceTest do
       end
     end
 
-    test "that says nothing, and is stale by its silence, but has words from its keeper" do
+    test "that says nothing passes, since it is stale and its keeper explains that" do
       assert Conformance.run(:faults, sinner(:says_nothing)) == :ok
     end
   end
 
-  test "a setting that is wrong says what it got" do
+  test "a wrong setting raises with the given value" do
     assert_raise ArgumentError, ~r/expected device: {module, options}, got: nil/, fn ->
       Setting.new!(driver: {Driver, []})
     end

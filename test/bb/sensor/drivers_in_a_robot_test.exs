@@ -99,7 +99,7 @@ defmodule BB.Sensor.DriversInARobotTest do
     assert_receive {:bb, [:sensor, :board], %{payload: %BB.Message.System.Status{}}}, @patience_ms
   end
 
-  test "each that is unplugged says so alone, and is up again when it is plugged in" do
+  test "each that is unplugged is down alone, and is up again when it is plugged in" do
     start([])
 
     for {name, address} <- [battery: 0x40, front: 0x10, encoder: 0x36] do
@@ -118,7 +118,7 @@ defmodule BB.Sensor.DriversInARobotTest do
     clock = BB.Clock.of(Robot)
     start(clock: fn -> BB.Clock.now_ns(clock) end)
 
-    # The chips' first measurements take some time of theirs.
+    # The chips' first measurements take some time.
     :ok = BB.Clock.Stepped.advance(Robot, 1_000_000_000)
     drain()
     :ok = BB.Clock.Stepped.advance(Robot, 60_000_000_000)

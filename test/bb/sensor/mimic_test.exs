@@ -93,7 +93,7 @@ defmodule BB.Sensor.MimicTest do
     refute_received {:bb, @mirror, %{payload: %PowerState{}}}
   end
 
-  test "follows parameters, and hears each message once after a change", %{robot: robot} do
+  test "follows parameters, and publishes each message once after a change", %{robot: robot} do
     start(robot)
     :ok = BB.Parameter.set(robot, [:coupling], -1.0)
     _ = BB.call(robot, :mirror, :settled)
@@ -103,7 +103,7 @@ defmodule BB.Sensor.MimicTest do
     refute_received {:bb, @mirror, _}
   end
 
-  test "of a sensor that is not there is down, and says so" do
+  test "of an unknown sensor is down, and names it" do
     robot =
       robot do
         sensors do

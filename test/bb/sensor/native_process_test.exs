@@ -16,7 +16,7 @@ defmodule BB.Sensor.NativeProcessTest do
   doctest BB.Sensor.NativeProcess.Program
   doctest BB.Sensor.NativeProcess.Topics
 
-  # A robot whose one sensor is a shell script; `marker` tells its processes from others'.
+  # A robot whose only sensor is a shell script. `marker` identifies its processes.
   defp shell_robot(script, opts \\ []) do
     marker = BB.Test.Run.unique("marker")
     {name, opts} = Keyword.pop(opts, :name, :shell)
@@ -39,7 +39,7 @@ defmodule BB.Sensor.NativeProcessTest do
     {robot, marker, pid}
   end
 
-  # All below a guard, as soon as they are so many.
+  # All processes below a guard, as soon as there are `count`.
   defp grown(guard, count) do
     eventually(fn ->
       pids = descendants(guard)
@@ -55,7 +55,7 @@ defmodule BB.Sensor.NativeProcessTest do
     assert [_] = eventually(fn -> one(running(marker)) end)
   end
 
-  test "it is given its topics as options, then its arguments" do
+  test "its command line has its topics as options, then its arguments" do
     robot =
       create(
         quote do
@@ -76,7 +76,7 @@ defmodule BB.Sensor.NativeProcessTest do
     assert log =~ "echo: --frames a --raw-imu b -x 1"
   end
 
-  test "what it prints goes to the log under the sensor's name, lines up to 4 KiB whole" do
+  test "its output is logged under the sensor's name, lines up to 4 KiB whole" do
     long = String.duplicate("x", 4096)
 
     log =
@@ -90,7 +90,7 @@ defmodule BB.Sensor.NativeProcessTest do
     assert log =~ "shell: #{long}\n"
   end
 
-  test "its end is told with the exit status, and it is started again" do
+  test "its exit is a reason with the exit status, and it is restarted" do
     {robot, marker} = shell_robot("exec sleep 600")
     start_supervised!(robot)
     {:ok, _} = BB.subscribe(robot, [:sensor_status, :shell])
@@ -130,7 +130,7 @@ defmodule BB.Sensor.NativeProcessTest do
   describe "program:" do
     @describetag :tmp_dir
 
-    # Executables that tell which they are.
+    # Executables that print their names.
     defp script(dir, name, mode \\ 0o755) do
       path = Path.join(dir, name)
       File.write!(path, "#!/bin/sh\necho this is #{name}\n")
@@ -138,7 +138,7 @@ defmodule BB.Sensor.NativeProcessTest do
       path
     end
 
-    # An application of the system with a program in its priv/bin, as a release has it.
+    # An application with a program in its priv/bin, as in a release.
     defp application(dir) do
       app = :"app_#{System.unique_integer([:positive])}"
       folder = Path.join([dir, to_string(app), "priv", "bin"])
@@ -188,7 +188,7 @@ defmodule BB.Sensor.NativeProcessTest do
       assert printed({app, "detector"}) =~ "detector: this is detector"
     end
 
-    test "is a path, or a name in PATH, as before", %{tmp_dir: dir} do
+    test "is a path, or a name in PATH", %{tmp_dir: dir} do
       path = script(dir, "by_path")
       assert Program.find(path) == {:ok, path}
       assert {:ok, shell} = Program.find("sh")
@@ -197,7 +197,7 @@ defmodule BB.Sensor.NativeProcessTest do
       assert camera == Application.app_dir(:ganglion, "priv/bin/camera")
     end
 
-    test "is what a function gives at the start, in each of these forms", %{tmp_dir: dir} do
+    test "is a function that returns one of these at the start", %{tmp_dir: dir} do
       {app, folder} = application(dir)
       path = script(folder, "detector")
 
@@ -209,7 +209,7 @@ defmodule BB.Sensor.NativeProcessTest do
       assert printed({__MODULE__, :detector, [path]}) =~ "detector: this is detector"
     end
 
-    test "that cannot be run is told with its remedy", %{tmp_dir: dir} do
+    test "that cannot be run is a reason with its remedy", %{tmp_dir: dir} do
       {app, folder} = application(dir)
       path = script(folder, "detector", 0o644)
       File.mkdir_p!(Path.join(folder, "a_folder"))
@@ -228,7 +228,7 @@ defmodule BB.Sensor.NativeProcessTest do
       end
     end
 
-    test "of another kind is a mistake in the declaration" do
+    test "of another type fails the start of the robot" do
       for wrong <- [:detector, "", {"rover", "detector"}, {:rover, :detector}, {nil, "x"}, [1]] do
         assert {:error, error} = with_program(wrong).start_link()
         assert Exception.message(error) =~ ~s(expected a name, a path, {:my_app, "name"})
@@ -237,7 +237,7 @@ defmodule BB.Sensor.NativeProcessTest do
     end
   end
 
-  test "when its sensor stops, the program and all that it started are gone" do
+  test "when its sensor stops, the program and all its processes have exited" do
     {robot, marker, _} = start!(shell_robot("sleep 600 & setsid sleep 600 & sleep 600; :"))
     guards = eventually(fn -> one(running(marker)) && one(guarded(marker)) end)
 
@@ -256,7 +256,7 @@ defmodule BB.Sensor.NativeProcessTest do
     refute running?(os_pid)
   end
 
-  test "when its sensor's process is killed, the program ends too and comes back" do
+  test "when its sensor's process is killed, the program ends too and is restarted" do
     {robot, marker, _} = start!(shell_robot("sleep 600; :"))
     [os_pid] = eventually(fn -> one(running(marker)) end)
     robot |> BB.Process.whereis(:shell) |> Process.exit(:kill)
@@ -274,7 +274,7 @@ defmodule BB.Sensor.NativeProcessTest do
   describe "a program that prints" do
     @describetag :tmp_dir
 
-    # It prints, says by a file that it has printed all, and goes on.
+    # It prints, makes a file when it has printed all, and runs on.
     defp printing(dir, name, script) do
       {robot, marker} =
         shell_robot("#{script}; touch '#{dir}/#{name}'; exec sleep 600", name: name)
@@ -283,7 +283,7 @@ defmodule BB.Sensor.NativeProcessTest do
       {robot, marker, fn -> File.exists?("#{dir}/#{name}") end}
     end
 
-    test "without an end of line is cut, and leaves the memory as it was", %{tmp_dir: dir} do
+    test "without an end of line is cut, and no memory stays in use", %{tmp_dir: dir} do
       log =
         capture_log(fn ->
           {robot, _, printed?} =
@@ -300,7 +300,7 @@ defmodule BB.Sensor.NativeProcessTest do
       assert accounted(lines) == ceil(100_000_000 / 4096)
     end
 
-    test "a progress bar is told state by state" do
+    test "a progress bar is logged state by state" do
       log =
         capture_log(fn ->
           script = "printf '\\r1 %%\\r2 %%\\r\\n3 %%\\n'; exit 3"
@@ -311,7 +311,9 @@ defmodule BB.Sensor.NativeProcessTest do
       assert ["1 %", "2 %", "3 %" | _] = lines(log, "bar")
     end
 
-    test "too much is told what was left out; its mailbox stays short", %{tmp_dir: dir} do
+    test "too much has lines left out, which the log counts; the mailbox stays short", %{
+      tmp_dir: dir
+    } do
       log =
         capture_log(fn ->
           {robot, _, printed?} = printing(dir, :storm, "seq 300000")
@@ -329,7 +331,7 @@ defmodule BB.Sensor.NativeProcessTest do
       assert List.last(lines) == "300000"
     end
 
-    test "and dies at once is heard to the last word, also in a storm" do
+    test "and dies at once is logged to the last line, also in a storm" do
       log =
         capture_log(fn ->
           script = "seq 100000; echo panicked at last >&2; kill -SEGV $$"
@@ -341,14 +343,14 @@ defmodule BB.Sensor.NativeProcessTest do
       assert "panicked at last" in lines(log, "crash")
     end
 
-    test "while it is being stopped is heard" do
+    test "while it is being stopped is logged" do
       script = "trap 'echo good bye; exit 0' TERM; while :; do sleep 0.05; done"
 
       log =
         capture_log(fn ->
           {robot, marker, _} = start!(shell_robot(script, name: :polite, grace_ms: 10_000))
           [guard] = eventually(fn -> one(guarded(marker)) end)
-          # The trap is set once it sleeps.
+          # The trap is set before it sleeps.
           eventually(fn -> length(descendants(guard)) == 2 end)
           stop_supervised!(robot)
         end)
@@ -356,7 +358,7 @@ defmodule BB.Sensor.NativeProcessTest do
       assert "good bye" in lines(log, "polite")
     end
 
-    test "what is no text is logged as text" do
+    test "bytes that are no text are logged as text" do
       log =
         capture_log(fn ->
           {robot, _, _} = start!(shell_robot("printf 'a\\377b\\n'; exit 3", name: :bytes))
@@ -367,12 +369,12 @@ defmodule BB.Sensor.NativeProcessTest do
     end
   end
 
-  # What it printed, and what was left out of that, under the name of its sensor.
+  # The logged lines, and the counts of lines left out, under the name of its sensor.
   defp lines(log, name) do
     for [_, line] <- Regex.scan(~r/\[\w+\] +#{name}: (.*)\n/, log), do: line
   end
 
-  # The lines that are there, and those that they say are not.
+  # The numbers of the logged lines, and of those left out.
   defp accounted(lines) do
     for line <- lines, reduce: 0 do
       sum ->
@@ -383,7 +385,7 @@ defmodule BB.Sensor.NativeProcessTest do
     end
   end
 
-  # Of a process, with the binaries that it holds, its mailbox and its port's queue.
+  # The memory of a process, with its binaries, its mailbox and its port's queue.
   defp memory(pid) do
     :erlang.garbage_collect(pid)
     {:memory, heap} = Process.info(pid, :memory)
@@ -393,7 +395,7 @@ defmodule BB.Sensor.NativeProcessTest do
     heap + Enum.sum(ports) + (binaries |> Enum.map(&elem(&1, 1)) |> Enum.sum())
   end
 
-  # Gives the greatest length until it is asked.
+  # Measures the greatest length until it receives a request.
   defp watch_mailbox(pid) do
     watcher = spawn_link(fn -> look_at_mailbox(pid, 0) end)
 
@@ -415,7 +417,7 @@ defmodule BB.Sensor.NativeProcessTest do
   end
 
   describe "a grace longer than five seconds" do
-    test "is waited for: nothing outlives the robot" do
+    test "delays the robot's end, so that nothing outlives the robot" do
       script = "trap '' TERM; setsid sleep 600 & while :; do sleep 0.05; done"
       {robot, marker, _} = start!(shell_robot(script, grace_ms: 6_500))
       [os_pid] = eventually(fn -> one(running(marker)) end)
@@ -434,7 +436,7 @@ defmodule BB.Sensor.NativeProcessTest do
     end
   end
 
-  # It leaves group, session and parent, and in one case its environment.
+  # The grandchild leaves its group, session and parent, and in one case its environment.
   for {how, command} <- [{"daemonised", "setsid"}, {"bare", "env -i setsid"}] do
     describe "a guard that guards a #{how} grandchild" do
       @daemon "(#{command} sh -c 'exec sleep 600' &); sleep 600; :"
@@ -479,14 +481,14 @@ defmodule BB.Sensor.NativeProcessTest do
 
     tree = grown(guard, 3)
 
-    # The watch first, which would end it at once.
+    # The watch first, since it would end the guard at once.
     for pid <- [watch, guard], do: signal("STOP", pid)
     stop_supervised!(robot)
     for pid <- [watch, guard | tree], do: refute(running?(pid))
   end
 
   describe "a program that a signal halts" do
-    test "is killed, told, and started again" do
+    test "is killed, with a reason, and restarted" do
       {robot, marker} = shell_robot("exec sleep 600", halt_ms: 200)
       start_supervised!(robot)
       {:ok, _} = BB.subscribe(robot, [:sensor_status, :shell])
@@ -501,7 +503,7 @@ defmodule BB.Sensor.NativeProcessTest do
       assert new != os_pid
     end
 
-    test "and lets go on in time goes on" do
+    test "and continues in time runs on" do
       script = "kill -STOP $$; kill -KILL $$"
       {robot, marker} = shell_robot(script, halt_ms: 60_000)
       start_supervised!(robot)
@@ -516,7 +518,7 @@ defmodule BB.Sensor.NativeProcessTest do
   describe "max_silence" do
     @describetag :tmp_dir
 
-    # A shell that has a camera, so that one may end without the other.
+    # A shell that starts a camera, so that each may end without the other.
     defp camera_robot(dir, topic, max_silence, opts) do
       program = Path.join(dir, "wrapped_camera")
       camera = Application.app_dir(:ganglion, ["priv", "bin", "camera"])
@@ -549,7 +551,7 @@ defmodule BB.Sensor.NativeProcessTest do
           {"finds its topic by the writer", []},
           {"names its topic by its key", [publishes: [:topic]]}
         ] do
-      test "of a program that publishes and #{how} is not passed", %{tmp_dir: dir} do
+      test "of a program that publishes and #{how} does not pass", %{tmp_dir: dir} do
         topic = topic()
         robot = camera_robot(dir, topic, BB.Unit.new!(5, :second), unquote(publishes))
         start_supervised!(robot)
@@ -560,7 +562,7 @@ defmodule BB.Sensor.NativeProcessTest do
       end
     end
 
-    test "of a program that hangs is told; then it is ended and started again", %{tmp_dir: dir} do
+    test "of a program that hangs passes; then it is ended and restarted", %{tmp_dir: dir} do
       topic = topic()
       robot = camera_robot(dir, topic, BB.Unit.new!(500, :millisecond), hang_ms: 3_000)
       start_supervised!(robot)
@@ -578,7 +580,7 @@ defmodule BB.Sensor.NativeProcessTest do
       eventually(fn -> published(topic) > before end, 30_000)
     end
 
-    # A program that takes any topics and publishes nothing.
+    # A program that takes any topics and publishes on none.
     defp reader(dir) do
       program = Path.join(dir, "reader")
       File.write!(program, "#!/bin/sh\nsleep 600; :\n")
@@ -586,7 +588,7 @@ defmodule BB.Sensor.NativeProcessTest do
       program
     end
 
-    test "is not kept by what others publish on the topics that it reads", %{tmp_dir: dir} do
+    test "passes although others publish on the topics that it reads", %{tmp_dir: dir} do
       [frames, detections] = [topic("frames"), topic("detections")]
       {:ok, publisher} = BB.Ring.Publisher.open(frames)
       topics = [topics: [frames: frames, detections: detections]]
@@ -606,7 +608,9 @@ defmodule BB.Sensor.NativeProcessTest do
       end
     end
 
-    test "of a program that only reads is about what it reads, and never ends it", %{tmp_dir: dir} do
+    test "of a program that only reads counts the topics it reads, and never ends it", %{
+      tmp_dir: dir
+    } do
       topic = topic()
       {:ok, publisher} = BB.Ring.Publisher.open(topic)
       options = [program: reader(dir), topics: [frames: topic], hang_ms: 0]
@@ -629,7 +633,7 @@ defmodule BB.Sensor.NativeProcessTest do
       assert_receive {:bb, _, %{payload: %Status{state: :up, restarts: 0}}}, 30_000
     end
 
-    test "that nothing can measure is refused while the robot compiles" do
+    test "without a topic to measure is refused while the robot compiles" do
       for {options, words} <- [
             {~s(program: "sleep", args: ["600"]), ["no ring topic", "remove max_silence"]},
             {~s(program: "a", topics: [frames: "f"], publishes: []), ["no ring topic"]},
@@ -649,17 +653,17 @@ defmodule BB.Sensor.NativeProcessTest do
     end
   end
 
-  test "a program whose published topic is not declared says so" do
+  test "a published topic that is not declared is a reason" do
     {robot, _} = shell_robot("sleep 600", publishes: [:tags])
     start_supervised!(robot)
     row = eventually(fn -> (row = health(robot, :shell)).state == :backoff && row end)
     assert row.error =~ "publishes: :tags is no ring topic"
   end
 
-  # Between fork and exec a process still looks like the one that it came from.
+  # Between fork and exec a process still looks like its parent.
   defp one(pids), do: if(match?([_], pids), do: pids)
 
-  # A program that the shell became by exec no longer shows the marker; its guard does.
+  # After exec the program no longer shows the marker; its guard does.
   defp guarded_program(marker) do
     with [guard] <- guarded(marker),
          [_ | _] = pids <- descendants(guard),

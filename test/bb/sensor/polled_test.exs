@@ -8,7 +8,7 @@ defmodule BB.Sensor.PolledTest do
 
   doctest Polled
 
-  # Its device answers as it is told, one answer a reading, and remembers what was asked of it.
+  # A driver whose device returns scripted answers, one for each reading, and logs the calls.
   defmodule Told do
     use Polled,
       options_schema: Polled.options(rate: {1, 1000}, default: 100) ++ [device: [type: :pid]]
@@ -64,14 +64,14 @@ defmodule BB.Sensor.PolledTest do
 
   defp log(device), do: Agent.get(device, fn {_answers, log} -> Enum.reverse(log) end)
 
-  # Why a sensor that works ends when it is told this.
+  # The reason for which a working sensor stops after these answers.
   defp reason_of_end(bench, device, answers) do
     pid = Bench.start!(bench, device: device)
     Bench.reading()
     Bench.reason_of_end(pid, fn -> tell(device, answers) end)
   end
 
-  # Told readings are false, others true.
+  # Scripted readings are false, others true.
   defp told do
     receive do
       {:bb, _path, %{payload: %Contact{pressed: pressed}}} -> if(pressed, do: 0, else: 1) + told()
@@ -80,7 +80,7 @@ defmodule BB.Sensor.PolledTest do
     end
   end
 
-  test "two failed readings in a row are overcome, a third ends it with its reason", %{
+  test "two failed readings in a row do not stop it, a third stops it with its reason", %{
     bench: bench,
     device: device
   } do
@@ -90,7 +90,7 @@ defmodule BB.Sensor.PolledTest do
     assert told() == 1
   end
 
-  test "after a failed reading it is checked, and what the check says is a failed reading too", %{
+  test "after a failed reading it is checked, and a failed check is a failed reading too", %{
     bench: bench,
     device: device
   } do
@@ -99,7 +99,7 @@ defmodule BB.Sensor.PolledTest do
     assert List.last(log(device)) == :closed
   end
 
-  test "a device that was restarted ends it at once, and so does a reading that says so", %{
+  test "a device that was restarted stops it at once, and so does {:stop, reason}", %{
     bench: bench,
     device: device
   } do
@@ -111,7 +111,7 @@ defmodule BB.Sensor.PolledTest do
     end
   end
 
-  test "nothing new for three readings is no fault, and after that it is", %{
+  test "three ticks without a new reading are no failure, a fourth is", %{
     bench: bench,
     device: device
   } do
@@ -122,13 +122,16 @@ defmodule BB.Sensor.PolledTest do
     assert Enum.count(log(device), &match?({:measured, _}, &1)) == 10
   end
 
-  test "nothing new, where that may go on, is none", %{bench: bench, device: device} do
+  test "ticks without a new reading and without a reason are no failure", %{
+    bench: bench,
+    device: device
+  } do
     tell(device, List.duplicate({:none, nil}, 10) ++ [{:ok, false}])
     Bench.start!(bench, device: device)
     refute Bench.reading().payload.pressed
   end
 
-  test "its messages have its name as frame, or the one that is asked for", %{
+  test "its messages have its name as frame, or that of its options", %{
     bench: bench,
     device: device
   } do
@@ -139,7 +142,7 @@ defmodule BB.Sensor.PolledTest do
     assert Bench.reading(&(&1.frame_id == :bumper))
   end
 
-  test "it is asked at its rate, by the robot's clock", %{bench: bench, device: device} do
+  test "it is polled at its rate, by the robot's clock", %{bench: bench, device: device} do
     start_supervised!({BB.Clock.Stepped, robot: bench.robot})
     Bench.start!(bench, device: device, rate: 200)
     tell(device, for(_ <- 1..200, do: {:ok, true}))
@@ -152,14 +155,14 @@ defmodule BB.Sensor.PolledTest do
            |> Enum.all?(fn [a, b] -> b - a == 5_000_000 end)
   end
 
-  test "it is checked each half second", %{bench: bench, device: device} do
+  test "it is checked every half second", %{bench: bench, device: device} do
     start_supervised!({BB.Clock.Stepped, robot: bench.robot})
     Bench.start!(bench, device: device, rate: 10)
     :ok = BB.Clock.Stepped.advance(bench.robot, 10_000_000_000)
     assert Enum.count(log(device), &(&1 == :checked)) == 20
   end
 
-  test "it gives the device back when it ends, and when it gets new options opens it anew", %{
+  test "it closes the device when it stops, and reopens it with new options", %{
     bench: bench,
     device: device
   } do

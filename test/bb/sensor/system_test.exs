@@ -24,7 +24,7 @@ defmodule BB.Sensor.SystemTest do
     put(root, "sys/class/thermal/thermal_zone#{number}/temp", "#{temperature}\n")
   end
 
-  test "a board tells all of it", %{bench: bench, root: root} do
+  test "a board has all values", %{bench: bench, root: root} do
     zone(root, 0, "cpu-thermal", 61_350)
     put(root, @throttled, "50000\n")
     Bench.start!(bench, root: root, rate: 10)
@@ -44,14 +44,14 @@ defmodule BB.Sensor.SystemTest do
            }
   end
 
-  test "what a computer does not tell is nil", %{bench: bench, root: root} do
+  test "a value without a file is nil", %{bench: bench, root: root} do
     Bench.start!(bench, root: root, rate: 10)
 
     assert %Status{temperature: nil, throttling: nil, throttled_before: nil} =
              Bench.reading().payload
   end
 
-  test "each message has what the files say then", %{bench: bench, root: root} do
+  test "each message has the values of the files at its time", %{bench: bench, root: root} do
     zone(root, 0, "cpu-thermal", 50_000)
     Bench.start!(bench, root: root, rate: 10)
     assert Bench.reading().payload.temperature == 50.0
@@ -67,21 +67,21 @@ defmodule BB.Sensor.SystemTest do
       assert Bench.reading().payload.temperature == 40.0
     end
 
-    test "is the first when none is", %{bench: bench, root: root} do
+    test "is the first when none is the processor's", %{bench: bench, root: root} do
       zone(root, 10, "iwlwifi", 40_000)
       zone(root, 2, "acpitz", 20_000)
       Bench.start!(bench, root: root, rate: 10)
       assert Bench.reading().payload.temperature == 20.0
     end
 
-    test "is the one that is asked for", %{bench: bench, root: root} do
+    test "is the one of the options", %{bench: bench, root: root} do
       zone(root, 0, "cpu-thermal", 40_000)
       zone(root, 1, "gpu-thermal", 45_000)
       Bench.start!(bench, root: root, thermal_zone: "gpu-thermal", rate: 10)
       assert Bench.reading().payload.temperature == 45.0
     end
 
-    test "has to be there when it is asked for", %{bench: bench, root: root} do
+    test "of the options has to exist", %{bench: bench, root: root} do
       zone(root, 0, "cpu-thermal", 40_000)
 
       assert Bench.start(bench, root: root, thermal_zone: "gpu") ==
@@ -90,20 +90,20 @@ defmodule BB.Sensor.SystemTest do
   end
 
   describe "a file" do
-    test "that is missing from the start is the start's fault", %{bench: bench, root: root} do
+    test "that is missing from the start keeps the sensor down", %{bench: bench, root: root} do
       path = Path.join(root, "proc/meminfo")
       File.rm!(path)
       assert Bench.start(bench, root: root) == {:error, {:unreadable, path, :enoent}}
     end
 
-    test "that says something unexpected is told with what it says", %{bench: bench, root: root} do
+    test "of an unexpected format is an error with its text", %{bench: bench, root: root} do
       put(root, "proc/loadavg", "none\n")
       path = Path.join(root, "proc/loadavg")
       assert Bench.start(bench, root: root) == {:error, {:unexpected, path, "none\n"}}
       assert System.explain({:unexpected, path, "none\n"}) =~ ~S("none\n")
     end
 
-    test "that is gone later ends it with the reason, and nothing is published", %{
+    test "that is removed later stops it with the reason, and nothing is published", %{
       bench: bench,
       root: root
     } do

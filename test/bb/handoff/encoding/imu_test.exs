@@ -31,13 +31,13 @@ defmodule BB.Handoff.Encoding.ImuTest do
     assert Covariance3.at(message.payload.angular_velocity_covariance, 1, 1) == 0.002
   end
 
-  test "what it decodes, it encodes to the same bytes" do
+  test "a decoded message encodes to the same bytes" do
     bytes = Vectors.read!("imu")
     {:ok, message} = Imu.decode(bytes)
     assert IO.iodata_to_binary(Imu.encode(message)) == bytes
   end
 
-  test "a covariance that nobody knows travels as zeros and comes back as nil" do
+  test "an unknown covariance is encoded as zeros and decoded as nil" do
     {:ok, decoded} = message([]) |> Imu.encode() |> IO.iodata_to_binary() |> Imu.decode()
     assert decoded.payload == message([]).payload
   end

@@ -18,7 +18,8 @@ defmodule BB.Handoff.Encoding.TagDetectionsTest do
     assert {is_integer(first.id), is_float(first.decision_margin)} == {true, true}
     assert message.monotonic_time == found.capture_time
 
-    # The capture is as long ago on Erlang's clock as on the ring's, but for what passes between two looks.
+    # The capture is as long ago on Erlang's clock as on the ring's, less the time between two
+    # reads.
     ring_age = before - capture_ns()
     erlang_age = System.monotonic_time(:nanosecond) - found.capture_time
     assert_in_delta ring_age, erlang_age, 60.0e9
@@ -36,7 +37,7 @@ defmodule BB.Handoff.Encoding.TagDetectionsTest do
              TagDetections.decode(binary_part(bytes, 0, byte_size(bytes) - 1))
   end
 
-  test "a tail of another kind is an error that says which" do
+  test "a tail of another kind is an error that names it" do
     bytes = "tags_none" |> Vectors.read!() |> String.replace("GNGT", "OTHR")
     assert {:error, {:unknown_tail, magic, 1}} = TagDetections.decode(bytes)
     assert <<magic::little-32>> == "OTHR"

@@ -27,7 +27,7 @@ defmodule BB.Sensor.System.ParserTest do
     assert Parser.temperature("-1500\n") == {:ok, %{temperature: -1.5}}
   end
 
-  test "what is no such report is an error" do
+  test "a text of another format is an error" do
     for text <- ["", "\n", "N/A\n", "0-\n", "MemTotal: 5 kB\n", "0.5 0.5\n"],
         parse <- [:temperature, :throttling, :memory, :load, :processors],
         do: assert({parse, text, apply(Parser, parse, [text])} == {parse, text, :error})
