@@ -78,7 +78,7 @@ defmodule BB.SensorTest do
       end
       """
 
-      assert_raise CompileError, ~r/Declare the schema one way, not both/, fn ->
+      assert_raise CompileError, ~r/expected one options schema in BB.SensorTest.Both/, fn ->
         Code.compile_string(source)
       end
     end

@@ -67,7 +67,8 @@ defmodule BB.Component.Callbacks do
       file: env.file,
       line: env.line,
       description:
-        "#{inspect(env.module)} has options_schema/0 and `options_schema:`, expected one of them"
+        "expected one options schema in #{inspect(env.module)}, got: options_schema/0 and " <>
+          "`options_schema:`; remove one of them"
     ]
   end
 
