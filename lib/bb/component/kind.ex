@@ -17,8 +17,8 @@ defmodule BB.Component.Kind do
       @behaviour BB.Component
 
       unquote(types())
-      unquote(starting())
-      unquote(serving())
+      unquote(start_callbacks())
+      unquote(server_callbacks())
 
       @optional_callbacks disarm: 1, explain: 1, inhibition: 0, max_silence: 1, rate: 1, topics: 1
 
@@ -43,7 +43,7 @@ defmodule BB.Component.Kind do
     end
   end
 
-  defp starting do
+  defp start_callbacks do
     quote do
       @doc "Returns the schema of the module's options."
       @callback options_schema() :: BB.Options.schema() | BB.Options.t()
@@ -119,7 +119,7 @@ defmodule BB.Component.Kind do
     end
   end
 
-  defp serving do
+  defp server_callbacks do
     quote do
       @doc """
       Handles a call, as in `GenServer`. By default it replies `{:error, :not_implemented}`.

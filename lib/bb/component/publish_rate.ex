@@ -34,7 +34,7 @@ defmodule BB.Component.PublishRate do
     for {component, declared_hz} <- Enum.zip(components, DeclaredRate.list(robot, components)) do
       topics
       |> Map.get(Component.data_path(component), [])
-      |> measured()
+      |> measure()
       |> Map.put(:declared_hz, declared_hz)
     end
   end
@@ -46,9 +46,9 @@ defmodule BB.Component.PublishRate do
     ArgumentError -> %{}
   end
 
-  defp measured([]), do: %{rate_hz: nil, age_ns: nil}
+  defp measure([]), do: %{rate_hz: nil, age_ns: nil}
 
-  defp measured(topics) do
+  defp measure(topics) do
     %{
       rate_hz: topics |> Enum.map(& &1.rate_hz) |> Enum.sum(),
       age_ns: topics |> Enum.map(& &1.age_ns) |> Enum.min()

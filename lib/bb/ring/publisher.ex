@@ -116,7 +116,7 @@ defmodule BB.Ring.Publisher do
     case Native.publish_binary(handle, data) do
       :ok -> :ok
       :busy -> yield_and(fn -> publish(publisher, data) end)
-      :name_lost -> name_lost(publisher, data)
+      :name_lost -> handle_lost_name(publisher, data)
       reason -> {:error, reason}
     end
   end
@@ -127,7 +127,7 @@ defmodule BB.Ring.Publisher do
     case publish_iovec(handle, iovec, :erlang.iolist_size(iovec)) do
       :ok -> :ok
       :busy -> yield_and(fn -> publish(publisher, iovec) end)
-      :name_lost -> name_lost(publisher, iovec)
+      :name_lost -> handle_lost_name(publisher, iovec)
       reason -> {:error, reason}
     end
   end
@@ -165,9 +165,9 @@ defmodule BB.Ring.Publisher do
 
   defp publish_iovec(handle, iovec, _size), do: Native.publish_large(handle, iovec)
 
-  defp name_lost(%__MODULE__{handle: handle} = publisher, data) do
+  defp handle_lost_name(%__MODULE__{handle: handle} = publisher, data) do
     case Native.publisher_trouble(handle) do
-      {:error, :busy} -> yield_and(fn -> name_lost(publisher, data) end)
+      {:error, :busy} -> yield_and(fn -> handle_lost_name(publisher, data) end)
       {:error, reason} -> {:error, reason}
       # The name is free again.
       :ok -> publish(publisher, data)

@@ -69,7 +69,7 @@ defmodule BB.Sensor.Conformance.Checks do
     _ = Rig.repair(rig, fault)
     _ = Rig.messages(rig)
     _ = Rig.await_message(rig)
-    check!(Rig.row(rig).pid == pid, "#{fault}, which it cannot see, ended its process")
+    check!(Rig.row(rig).pid == pid, "#{fault}, which the driver cannot detect, ended its process")
   end
 
   defp check_fault(rig, fault, message) do
@@ -90,14 +90,14 @@ defmodule BB.Sensor.Conformance.Checks do
 
     check!(
       message.monotonic_time >= repaired_ns,
-      "its first message after #{fault} was measured before that was over: #{inspect(message)}"
+      "the first message after #{fault} was measured before its end: #{inspect(message)}"
     )
 
     states = for status <- Rig.await_statuses(rig, "reports that it is up"), do: status.state
 
     check!(
       states == [:up],
-      "after #{fault} it was expected to be up, once, and was: #{inspect(states)}"
+      "expected one status :up after #{fault}, got: #{inspect(states)}"
     )
 
     none!(Rig.await_alarms(rig, "has no alarm after #{fault}", 0), "alarms")
@@ -156,14 +156,14 @@ defmodule BB.Sensor.Conformance.Checks do
 
     check!(
       abs(count - expected) <= max(expected * @tolerance, 1),
-      "it declares #{declared_hz} Hz and published #{count} messages in #{seconds} s"
+      "the driver declares #{declared_hz} Hz and published #{count} messages in #{seconds} s"
     )
   end
 
   defp check_events(rig, seconds) do
     check!(
       rig.setting.event != nil,
-      "it declares no rate: define rate/1, or set `event:` for a driver that publishes events"
+      "the driver declares no rate: define rate/1, or set `event:` if it publishes events"
     )
 
     before = Rig.published(rig)
@@ -174,7 +174,7 @@ defmodule BB.Sensor.Conformance.Checks do
     end
 
     count = Rig.published(rig) - before
-    check!(count == @events, "of #{@events} events it published #{count}")
+    check!(count == @events, "expected #{@events} messages for #{@events} events, got: #{count}")
   end
 
   @doc "Checks that a killed driver opens its bus again, and that a stopped one has closed it."
@@ -198,7 +198,7 @@ defmodule BB.Sensor.Conformance.Checks do
         :ok
 
       tries == 0 ->
-        Rig.fail!("it has not closed its bus: #{inspect(rig.place)}")
+        Rig.fail!("the driver has not closed its bus: #{inspect(rig.place)}")
 
       true ->
         Process.sleep(5)
@@ -217,7 +217,7 @@ defmodule BB.Sensor.Conformance.Checks do
 
       receive do
         {:DOWN, ^monitor, :process, _pid, reason} ->
-          check!(reason != :killed, "it did not end by itself, and was killed")
+          check!(reason != :killed, "the driver did not end by itself, and was killed")
       end
     end)
   end
@@ -226,11 +226,11 @@ defmodule BB.Sensor.Conformance.Checks do
 
   defp explained!(rig, row, trouble) do
     text = row.error
-    check!(is_binary(text) and text != "", "it says nothing about #{trouble}")
+    check!(is_binary(text) and text != "", "the driver says nothing about #{trouble}")
 
     check!(
       text != inspect(row.last_error),
-      "it does not explain #{trouble}: add a clause to explain/1 of " <>
+      "the driver does not explain #{trouble}: add a clause to explain/1 of " <>
         "#{inspect(rig.setting.driver)} for #{text}"
     )
   end

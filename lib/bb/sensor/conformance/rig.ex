@@ -266,7 +266,7 @@ defmodule BB.Sensor.Conformance.Rig do
   Waits until `fun` returns a true value, and returns that value, or the driver's row for `true`.
 
   `fun` takes the row, or nothing. Unless `pass?: false` is given, stepped time passes meanwhile
-  as fast as the machine's. `expectation` continues the sentence "expected that it …" of a
+  as fast as the machine's. `expectation` continues the sentence "expected that the driver …" of a
   failure.
   """
   @spec await(t(), String.t(), (map() -> term()) | (() -> term()), pass?: boolean()) :: term()
@@ -291,7 +291,7 @@ defmodule BB.Sensor.Conformance.Rig do
 
       now_ns > until_ns ->
         fail!(
-          "expected that it #{expectation}, within #{rig.setting.patience_ms} ms; " <>
+          "expected that the driver #{expectation}, within #{rig.setting.patience_ms} ms; " <>
             "it is #{format_state(row)}"
         )
 
