@@ -8,7 +8,8 @@ defmodule BB.Component.Health do
 
   Each keeper holds its row in the robot's registry, so that a reader waits for no component. A
   component's module is called for the text of an error once for each error, by its keeper, and
-  for its rate once for each set of options. A call that does not return is not made again.
+  for its rate once for each set of options. A function that did not return in time is not waited
+  for again.
   """
 
   alias BB.Component

@@ -6,7 +6,7 @@ defmodule BB.Sensor.NativeProcess.Guard do
   which starts the guard. The guard starts the program, passes its output on, and ends it, with
   everything it started, when the port closes.
 
-  A frame to or from the guard is a letter and its data (`native/process_guard/src/output.rs`).
+  A frame to or from the guard is a letter and its data, as `native/process_guard` documents.
   `parse/1` reads the guard's frames.
 
       iex> BB.Sensor.NativeProcess.Guard.parse("lready")
