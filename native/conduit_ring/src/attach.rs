@@ -8,7 +8,7 @@ use crate::error::{Error, Fault};
 use crate::header::{FIXED_LEN, Header};
 use crate::layout::ReaderLine;
 use crate::memory::Memory;
-use crate::segment::{Access, Segment};
+use crate::os::{Access, Segment};
 use crate::topic::Topic;
 use crate::trust;
 

@@ -12,10 +12,10 @@ use crate::layout::{At32, PUBLISHER_LOCK, STATE, STATE_LIVE, WRITER_EPOCH, WRITE
 use crate::lease::Lease;
 use crate::line::{Line, Ticket};
 use crate::memory::Memory;
+use crate::os::{Access, Name, Segment};
 use crate::pins::{self, Announced};
 use crate::processes;
 use crate::reader::{self, Dialect, Meta, Policy, Reader, Sink, Source, Start};
-use crate::segment::{Access, Name, Segment};
 use crate::sync::Ordering::{Acquire, Relaxed};
 use crate::topic::Topic;
 use crate::wait::{self, LONGEST_LEGACY_SLEEP, LONGEST_SLEEP};

@@ -14,9 +14,9 @@ use crate::layout::{
     WAKE_COUNT, WRITE_IDX, WRITE_INTENT, WRITER_EPOCH, WRITER_PID, WRITER_START,
 };
 use crate::memory::Memory;
+use crate::os::{self, Access, Name, Segment};
 use crate::processes;
 use crate::publisher::PublisherOptions;
-use crate::segment::{self, Access, Name, Segment};
 use crate::sync::Ordering::{Acquire, Relaxed, Release};
 use crate::topic::{Topic, directory};
 use crate::trust;
@@ -45,7 +45,7 @@ pub(crate) fn acquire(topic: &Topic, options: &PublisherOptions) -> Result<Attac
 
 /// Makes a segment; `None` when the name was given meanwhile.
 fn create(topic: &Topic, options: &PublisherOptions) -> Result<Option<Attached>, Error> {
-    let instance_id = segment::random_id().map_err(Error::os("getrandom", topic.path()))?;
+    let instance_id = os::random_id().map_err(Error::os("getrandom", topic.path()))?;
     let header = Header {
         geometry: options.geometry,
         content: options.content,
@@ -324,7 +324,7 @@ fn introduce(memory: &Memory) {
     memory.u32(WRITER_PID).store(std::process::id(), Relaxed);
     memory
         .u64(WRITER_START)
-        .store(segment::process_start_time(), Relaxed);
+        .store(os::process_start_time(), Relaxed);
     memory
         .u64(REALTIME_OFFSET)
         .store(clock::realtime_offset_ns() as u64, Relaxed);

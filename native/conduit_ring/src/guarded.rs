@@ -21,8 +21,8 @@ use crate::header::Header;
 use crate::layout::{
     At32, At64, FUTEX_WORD, ReaderLine, SLOT_HEADER_LEN, SUBSCRIBER_MASK, WAITING_MASK,
 };
+use crate::os::{Access, Mapping, Segment, is_missing_page};
 use crate::reader::{Source, SourceSlot};
-use crate::segment::{Access, Mapping, Segment, is_missing_page};
 use crate::sync::{Ordering, fence};
 use crate::topic::Topic;
 use crate::wait::LONGEST_SLEEP;

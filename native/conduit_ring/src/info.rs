@@ -12,9 +12,9 @@ use crate::layout::{
     STATE, STATE_CLOSED, STATE_LIVE, STATE_RETIRED, SUBSCRIBER_MASK, WAITING_MASK, WAKE_COUNT,
     WRITER_EPOCH, WRITER_PID,
 };
+use crate::os::{Access, Segment};
 use crate::pins;
 use crate::reader::{self, Source};
-use crate::segment::{Access, Segment};
 use crate::sync::Ordering::{Acquire, Relaxed};
 use crate::topic::Topic;
 

@@ -74,7 +74,7 @@
 //! # How it is built
 //!
 //! The protocol is in `writer`, `reader`, `wait` and `claim`, written against words at offsets (`layout`, `memory`);
-//! `segment` alone calls the operating system. The protocol runs under [loom](https://docs.rs/loom) as it is, see
+//! `os` alone calls the operating system. The protocol runs under [loom](https://docs.rs/loom) as it is, see
 //! `loom_tests`.
 #![cfg_attr(loom, allow(dead_code))]
 
@@ -131,6 +131,8 @@ mod loan;
 #[cfg(not(loom))]
 mod observer;
 #[cfg(not(loom))]
+mod os;
+#[cfg(not(loom))]
 mod owner;
 #[cfg(not(loom))]
 mod processes;
@@ -138,8 +140,6 @@ mod processes;
 mod publisher;
 #[cfg(not(loom))]
 pub mod repair;
-#[cfg(not(loom))]
-mod segment;
 #[cfg(not(loom))]
 mod subscriber;
 #[cfg(not(loom))]

@@ -9,9 +9,9 @@ use crate::claim::{Claim, Claimant};
 use crate::error::Error;
 use crate::layout::{At64, ReaderLine};
 use crate::memory::Memory;
+use crate::os::{self, Access, Mapping};
 use crate::owner::Owner;
 use crate::pins;
-use crate::segment::{self, Access, Mapping};
 use crate::sync::Ordering::{AcqRel, Acquire, Relaxed, Release};
 use crate::topic::Topic;
 
@@ -30,9 +30,9 @@ impl Line {
     /// Claims a line.
     pub(crate) fn claim(topic: &Topic, attached: &Arc<Attached>) -> Result<Arc<Line>, Error> {
         let who = Claimant {
-            id: segment::random_id().map_err(Error::os("getrandom", topic.path()))?,
+            id: os::random_id().map_err(Error::os("getrandom", topic.path()))?,
             pid: std::process::id(),
-            start_time: segment::process_start_time(),
+            start_time: os::process_start_time(),
         };
         let claim = Claim::take(&attached.memory, &attached.segment, who)
             .map_err(Error::os("lock", topic.path()))?

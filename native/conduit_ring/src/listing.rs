@@ -4,7 +4,7 @@ use std::os::unix::ffi::OsStrExt;
 use std::path::PathBuf;
 
 use crate::error::Error;
-use crate::segment;
+use crate::os;
 use crate::topic::{PREFIX, Topic, directory};
 
 /// What lies in `/dev/shm` under a topic's name or what should be one, by name. Nothing of it has been opened: whether it
@@ -26,7 +26,7 @@ impl Listing {
     pub fn read() -> Result<Listing, Error> {
         let directory = directory();
         let mut listing = Listing::default();
-        for name in segment::names_in(directory).map_err(Error::os("list", directory))? {
+        for name in os::names_in(directory).map_err(Error::os("list", directory))? {
             listing.add(name.to_str(), directory.join(&name));
         }
         listing.topics.sort_by(|a, b| a.name().cmp(b.name()));

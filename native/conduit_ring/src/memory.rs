@@ -7,7 +7,7 @@ use std::time::Duration;
 use crate::copy;
 use crate::geometry::Geometry;
 use crate::layout::{At32, At64, FUTEX_WORD, SLOT_HEADER_LEN};
-use crate::segment::{self, Mapping};
+use crate::os::{self, Mapping};
 use crate::sync::{AtomicU32, AtomicU64};
 
 /// A mapping that is long enough for its geometry. Every offset that this type hands out lies inside.
@@ -54,12 +54,12 @@ impl Memory {
 
     /// Sleeps while the futex word is `expected`, at most for `timeout`. Wakes for no reason, too.
     pub(crate) fn futex_wait(&self, expected: u32, timeout: Duration) {
-        segment::futex_wait(self.u32(FUTEX_WORD), expected, timeout);
+        os::futex_wait(self.u32(FUTEX_WORD), expected, timeout);
     }
 
     /// Wakes every sleeper of every process and tells how many there were.
     pub(crate) fn futex_wake(&self) -> u32 {
-        segment::futex_wake_all(self.u32(FUTEX_WORD))
+        os::futex_wake_all(self.u32(FUTEX_WORD))
     }
 }
 

@@ -4,7 +4,7 @@
 use std::sync::Once;
 use std::sync::atomic::AtomicU64;
 
-use crate::segment;
+use crate::os;
 use crate::sync::Ordering::Relaxed;
 
 /// How many forks lie between this process and the first one that opened something.
@@ -19,7 +19,7 @@ impl Owner {
     /// This process.
     pub fn here() -> Owner {
         static WATCH: Once = Once::new();
-        WATCH.call_once(|| segment::call_in_children(count_fork));
+        WATCH.call_once(|| os::call_in_children(count_fork));
         Owner(FORKS.load(Relaxed))
     }
 

@@ -8,8 +8,8 @@ use std::collections::HashMap;
 
 use crate::claim;
 use crate::layout::ReaderLine;
+use crate::os::{self, FileId, Segment};
 use crate::reader::Source;
-use crate::segment::{self, FileId, Segment};
 use crate::sync::Ordering::Relaxed;
 use crate::topic::{PREFIX, Topic, directory};
 
@@ -36,11 +36,11 @@ pub struct Nameless {
 /// Nobody finds such a topic any more. Legacy peers with a removed segment are among them, be they publishers or readers.
 pub fn nameless_publishers() -> Vec<Nameless> {
     let mut found = Vec::new();
-    for pid in segment::processes() {
-        let maps = segment::maps_of(pid);
+    for pid in os::process_ids() {
+        let maps = os::maps_of(pid);
         for mapped in maps.lines().filter_map(writable_mapping) {
             if let Some(topic) = removed_topic(&mapped.path)
-                && segment::opened_by(pid, mapped.file).is_none_or(|file| is_published(&file))
+                && os::open_file_of(pid, mapped.file).is_none_or(|file| is_published(&file))
             {
                 found.push(Nameless { pid, topic });
             }
@@ -61,13 +61,13 @@ pub(crate) fn legacy_peer(
     let file = segment.id().ok()?;
     let readers = native_readers(segment, source, own);
     let is_peer = |pid: &u32| {
-        let maps = segment::maps_of(*pid);
+        let maps = os::maps_of(*pid);
         let mapped = maps.lines().filter_map(writable_mapping);
         let count = mapped.filter(|mapped| mapped.file == file).count();
         count > readers.get(pid).copied().unwrap_or(0)
     };
     last.filter(is_peer)
-        .or_else(|| segment::processes().into_iter().find(is_peer))
+        .or_else(|| os::process_ids().into_iter().find(is_peer))
 }
 
 /// Whether another process has a segment open and not mapped, as a legacy publisher has that is just about to use it.
@@ -76,13 +76,13 @@ pub(crate) fn is_about_to_be_mapped(segment: &Segment) -> bool {
         return false;
     };
     let has_mapped = |pid| {
-        let maps = segment::maps_of(pid);
+        let maps = os::maps_of(pid);
         maps.lines().filter_map(mapping).any(|it| it.file == file)
     };
     let own = std::process::id();
-    segment::processes()
+    os::process_ids()
         .into_iter()
-        .any(|pid| pid != own && !has_mapped(pid) && segment::opened_by(pid, file).is_some())
+        .any(|pid| pid != own && !has_mapped(pid) && os::open_file_of(pid, file).is_some())
 }
 
 /// How many readers of ours live in each process.

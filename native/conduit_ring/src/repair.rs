@@ -9,7 +9,7 @@ use crate::header::{FIXED_LEN, Header, Origin};
 use crate::info::Info;
 use crate::layout::{EXT_MAGIC, HEADER_LEN, MAGIC, PUBLISHER_LOCK, ReaderLine, SUBSCRIBER_MASK};
 use crate::memory::Memory;
-use crate::segment::{Access, Name, Segment};
+use crate::os::{Access, Name, Segment};
 use crate::sync::Ordering::Release;
 use crate::topic::Topic;
 use crate::trust;

@@ -9,9 +9,9 @@ use crate::error::Error;
 use crate::geometry::Geometry;
 use crate::guarded::Guard;
 use crate::lease::Lease;
+use crate::os::{self, Watch};
 use crate::owner::Owner;
 use crate::reader::{Meta, Policy, Sink, Start};
-use crate::segment::{self, Watch};
 use crate::topic::{Topic, directory};
 use crate::wait::LONGEST_SLEEP;
 use crate::waker::Waker;
@@ -489,7 +489,7 @@ impl Subscriber {
                 if !attachment.is_unmapped() {
                     attachment.sleep(timeout, news);
                 } else if !news() {
-                    segment::wait_for_either(self.waker.event(), None, timeout.min(self.nap));
+                    os::wait_for_either(self.waker.event(), None, timeout.min(self.nap));
                     self.nap = (2 * self.nap).min(LONGEST_NAP);
                 }
             }
@@ -500,7 +500,7 @@ impl Subscriber {
                 } else {
                     timeout
                 };
-                segment::wait_for_either(self.waker.event(), watch.as_ref(), timeout);
+                os::wait_for_either(self.waker.event(), watch.as_ref(), timeout);
             }
         }
     }

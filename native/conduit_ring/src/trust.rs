@@ -12,8 +12,8 @@ use std::path::Path;
 use std::sync::{PoisonError, RwLock};
 
 use crate::error::Error;
-use crate::segment::{self, FileOwner, Segment};
-use crate::topic::Topic;
+use crate::os::{self, FileOwner, Segment};
+use crate::topic::{Topic, directory};
 
 /// The variable of the environment that lists users.
 pub const USERS_VARIABLE: &str = "CONDUIT_RING_TRUSTED_UIDS";
@@ -62,7 +62,7 @@ impl Trusted {
     /// # Errors
     /// As [`Trusted::parse`].
     pub fn of_environment() -> Result<Trusted, Error> {
-        if segment::has_gained_rights() {
+        if os::has_gained_rights() {
             return Ok(Trusted::default());
         }
         let list = |name| std::env::var(name).unwrap_or_default();
@@ -81,13 +81,13 @@ impl Trusted {
 
     fn covers(&self, owner: FileOwner) -> bool {
         self.users.contains(&owner.user)
-            || (self.groups.contains(&owner.group) && !segment::directory_gives_group())
+            || (self.groups.contains(&owner.group) && !os::gives_group(directory()))
     }
 }
 
 /// The name of a user, if this machine knows one.
 pub fn user_name(user: u32) -> Option<String> {
-    let users = segment::text_of(Path::new(USERS_FILE));
+    let users = os::text_of(Path::new(USERS_FILE));
     let mut entries = users.lines().filter_map(entry);
     entries
         .find(|&(_, number)| number == user)
@@ -112,14 +112,14 @@ pub(crate) fn require(topic: &Topic, segment: &Segment) -> Result<(), Error> {
 
 /// Why a file could not be opened: since it belongs to someone else, if it does.
 pub(crate) fn explain(topic: &Topic, error: Error) -> Error {
-    match segment::owner_of(topic.path()) {
+    match os::owner_of(topic.path()) {
         Ok(owner) if matches!(is_trusted(owner), Ok(false)) => refusal(topic, owner),
         _ => error,
     }
 }
 
 fn is_trusted(owner: FileOwner) -> Result<bool, Error> {
-    if owner.user == segment::own_user() {
+    if owner.user == os::own_user() {
         return Ok(true);
     }
     Trusted::current().map(|trusted| trusted.covers(owner))
@@ -143,7 +143,7 @@ fn numbers(list: &str, kind: &str, file: &str) -> Result<Vec<u32>, Error> {
 
 fn number(word: &str, kind: &str, file: &str) -> Result<u32, Error> {
     let known = || {
-        let text = segment::text_of(Path::new(file));
+        let text = os::text_of(Path::new(file));
         let found = text
             .lines()
             .filter_map(entry)

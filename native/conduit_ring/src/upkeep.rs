@@ -9,8 +9,8 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use crate::os;
 use crate::owner::Owner;
-use crate::segment;
 
 /// Between two looks: with those of publishing, a name that is lost is noticed well within a second.
 const LOOKS: Duration = Duration::from_millis(250);
@@ -52,7 +52,7 @@ impl Upkeep {
             own.enter(Stage::Running);
             while !own.ends_within(LOOKS) && look() {}
         };
-        let thread = Some(segment::start_thread("conduit_ring", STACK_BYTES, run)?);
+        let thread = Some(os::start_thread("conduit_ring", STACK_BYTES, run)?);
         let owner = Owner::here();
         life.await_start();
         Ok(Upkeep {
@@ -108,10 +108,10 @@ mod tests {
         let mut looks = 0;
         let _upkeep = Upkeep::start(move || {
             looks += 1;
-            tell.send(segment::gets_signals()).unwrap();
+            tell.send(os::receives_signals()).unwrap();
             looks < 2
         });
-        assert!(segment::gets_signals());
+        assert!(os::receives_signals());
         assert_eq!(told.iter().collect::<Vec<_>>(), [false, false]);
     }
 

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::memory::Memory;
-use crate::segment::Event;
+use crate::os::Event;
 use crate::writer;
 
 /// Makes a subscriber's current [`wait`](crate::Subscriber::wait), or its next one, return
