@@ -3,10 +3,10 @@
 use std::io;
 use std::sync::Arc;
 
-use crate::claim::LineLocks;
+use crate::claim::ReaderSlotLocks;
 use crate::error::{Error, Fault};
 use crate::header::{FIXED_LEN, Header};
-use crate::layout::ReaderLine;
+use crate::layout::ReaderSlot;
 use crate::memory::Memory;
 use crate::os::{Access, Segment};
 use crate::topic::Topic;
@@ -140,12 +140,12 @@ pub(crate) fn bad(topic: &Topic, fault: Fault) -> Error {
     }
 }
 
-impl LineLocks for Segment {
-    fn try_lock(&self, line: ReaderLine) -> io::Result<bool> {
-        Segment::try_lock(self, line.lock())
+impl ReaderSlotLocks for Segment {
+    fn try_lock(&self, reader_slot: ReaderSlot) -> io::Result<bool> {
+        Segment::try_lock(self, reader_slot.lock())
     }
 
-    fn unlock(&self, line: ReaderLine) -> io::Result<()> {
-        Segment::unlock(self, line.lock())
+    fn unlock(&self, reader_slot: ReaderSlot) -> io::Result<()> {
+        Segment::unlock(self, reader_slot.lock())
     }
 }

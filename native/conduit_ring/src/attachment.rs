@@ -1,4 +1,4 @@
-//! A subscriber's tie to one segment: its reader line, its cursor, and what it can tell about the publisher.
+//! A subscriber's tie to one segment: its reader slot, its cursor, and what it can tell about the publisher.
 
 use std::io;
 use std::sync::Arc;
@@ -10,12 +10,12 @@ use crate::guarded::{Guard, Guarded};
 use crate::header::{FIXED_LEN, Header, Origin};
 use crate::layout::{At32, PUBLISHER_LOCK, STATE, STATE_LIVE, WRITER_EPOCH, WRITER_PID};
 use crate::lease::Lease;
-use crate::line::{Line, Ticket};
 use crate::memory::Memory;
 use crate::os::{Access, Name, Segment};
 use crate::pins::{self, Announced};
 use crate::processes;
 use crate::reader::{self, Dialect, Meta, Policy, Reader, Sink, Source, Start};
+use crate::registration::{Registration, Ticket};
 use crate::sync::Ordering::{Acquire, Relaxed};
 use crate::topic::Topic;
 use crate::wait::{self, LONGEST_LEGACY_SLEEP, LONGEST_SLEEP};
@@ -108,7 +108,7 @@ enum Way {
     Mapped {
         attached: Arc<Attached>,
         /// `None` of an observer's.
-        line: Option<Arc<Line>>,
+        reader_slot: Option<Arc<Registration>>,
     },
     Guarded(Arc<Guarded>),
 }
@@ -138,7 +138,7 @@ impl Way {
     fn mapped(attached: Attached) -> Way {
         Way::Mapped {
             attached: Arc::new(attached),
-            line: None,
+            reader_slot: None,
         }
     }
 
@@ -157,10 +157,17 @@ impl Way {
         }
     }
 
-    /// Observers have no line, and guarded readers claim none.
+    /// Observers have no reader slot, and guarded readers claim none.
     fn claim(&mut self, topic: &Topic, part: Part) -> Result<(), Error> {
-        if let (Way::Mapped { attached, line }, Part::Reader) = (self, part) {
-            *line = Some(Line::claim(topic, attached)?);
+        if let (
+            Way::Mapped {
+                attached,
+                reader_slot,
+            },
+            Part::Reader,
+        ) = (self, part)
+        {
+            *reader_slot = Some(Registration::claim(topic, attached)?);
         }
         Ok(())
     }
@@ -249,11 +256,11 @@ impl Attachment {
         match &self.way {
             Way::Mapped {
                 attached,
-                line: Some(line),
-            } => wait::sleep(&attached.memory, line.number(), timeout, news),
+                reader_slot: Some(reader_slot),
+            } => wait::sleep(&attached.memory, reader_slot.number(), timeout, news),
             Way::Mapped {
                 attached,
-                line: None,
+                reader_slot: None,
             } => wait::sleep_unseen(&attached.memory, timeout, news),
             Way::Guarded(guarded) => guarded.sleep(timeout, news),
         }
@@ -280,23 +287,23 @@ impl Attachment {
         }
     }
 
-    /// Shows in the line how far the reader is.
+    /// Shows in the reader slot how far the reader is.
     #[inline]
     fn show(&self, lost_before: u64) {
         let Way::Mapped {
             attached,
-            line: Some(line),
+            reader_slot: Some(reader_slot),
         } = &self.way
         else {
             return;
         };
-        let (memory, line) = (&attached.memory, line.number());
+        let (memory, reader_slot) = (&attached.memory, reader_slot.number());
         memory
-            .u64(line.read_idx())
+            .u64(reader_slot.read_idx())
             .store(self.reader.cursor(), Relaxed);
         if self.reader.lost_total() != lost_before {
             memory
-                .u64(line.lost_count())
+                .u64(reader_slot.lost_count())
                 .store(self.reader.lost_total(), Relaxed);
         }
     }
@@ -309,10 +316,10 @@ impl Attachment {
         match &self.way {
             Way::Mapped {
                 attached,
-                line: Some(line),
+                reader_slot: Some(reader_slot),
             } if is_native(&self.header) => {
-                let (attached, line) = (attached.clone(), line.clone());
-                self.lease_slot(topic, policy, &attached.memory, &line)
+                let (attached, reader_slot) = (attached.clone(), reader_slot.clone());
+                self.lease_slot(topic, policy, &attached.memory, &reader_slot)
             }
             _ => {
                 let mut copy = Copied::default();
@@ -327,9 +334,9 @@ impl Attachment {
         topic: &Topic,
         policy: Policy,
         memory: &Memory,
-        line: &Arc<Line>,
+        reader_slot: &Arc<Registration>,
     ) -> Result<Option<Lease>, Error> {
-        let ticket = Ticket::take(line).ok_or_else(|| Error::TooManyLeases {
+        let ticket = Ticket::take(reader_slot).ok_or_else(|| Error::TooManyLeases {
             path: topic.path().to_owned(),
         })?;
         let view = ticket
@@ -337,7 +344,7 @@ impl Attachment {
             .map_err(Error::os("map", topic.path()))?;
         let announced = *self
             .announced
-            .get_or_insert_with(|| pins::announce(memory, line.number()));
+            .get_or_insert_with(|| pins::announce(memory, reader_slot.number()));
         let lost_before = self.reader.lost_total();
         let mut copy = Copied::default();
         let taken = self.reader.search(memory, policy, |reader| {
@@ -417,8 +424,11 @@ impl Attachment {
         } else if now >= self.legacy.next_look {
             let last = self.legacy.peer;
             self.legacy.peer = match &self.way {
-                Way::Mapped { attached, line } => {
-                    let own = line.as_ref().map(|line| line.number());
+                Way::Mapped {
+                    attached,
+                    reader_slot,
+                } => {
+                    let own = reader_slot.as_ref().map(|reader_slot| reader_slot.number());
                     processes::legacy_peer(&attached.segment, &*attached.memory, own, last)
                 }
                 Way::Guarded(guarded) => {
@@ -440,21 +450,23 @@ impl Attachment {
         }
     }
 
-    /// Claims a line again if the claim was wiped: a legacy publisher that starts anew clears the header.
+    /// Claims a reader slot again if the claim was wiped: a legacy publisher that starts anew clears the header.
     pub(crate) fn renew_claim(&mut self, topic: &Topic) -> Result<(), Error> {
         let Way::Mapped {
             attached,
-            line: Some(line),
+            reader_slot: Some(reader_slot),
         } = &mut self.way
         else {
             return Ok(());
         };
-        if line.stands() {
+        if reader_slot.stands() {
             return Ok(());
         }
-        line.give_up().map_err(Error::os("unlock", topic.path()))?;
+        reader_slot
+            .give_up()
+            .map_err(Error::os("unlock", topic.path()))?;
         self.announced = None;
-        *line = Line::claim(topic, attached)?;
+        *reader_slot = Registration::claim(topic, attached)?;
         Ok(())
     }
 }

@@ -7,8 +7,8 @@
 //! only the kernel touches the mapping on its behalf, to sleep on the futex word and to set its waiting bit
 //! (`FUTEX_WAKE_OP`), and the kernel has an errno for a page that is not there.
 //!
-//! It writes nothing but that bit. It holds the lock of a reader line, so that the bit is its own, and sets no other one: it
-//! does not show among the topic's readers. Without a mapping it takes no line, too.
+//! It writes nothing but that bit. It holds the lock of a reader slot, so that the bit is its own, and sets no other one: it
+//! does not show among the topic's readers. Without a mapping it takes no reader slot, too.
 
 use std::io;
 use std::sync::OnceLock;
@@ -19,7 +19,7 @@ use crate::error::{Error, Fault};
 use crate::geometry::Geometry;
 use crate::header::Header;
 use crate::layout::{
-    At32, At64, FUTEX_WORD, ReaderLine, SLOT_HEADER_LEN, SUBSCRIBER_MASK, WAITING_MASK,
+    At32, At64, FUTEX_WORD, ReaderSlot, SLOT_HEADER_LEN, SUBSCRIBER_MASK, WAITING_MASK,
 };
 use crate::os::{Access, Mapping, Segment, is_missing_page};
 use crate::reader::{Source, SourceSlot};
@@ -52,7 +52,7 @@ pub(crate) struct Guarded {
     /// `None` of a stranger's file, and of a legacy publisher's, where there is no bit to set.
     mapping: Option<Mapping>,
     /// `None` of an observer, and without a mapping.
-    line: Option<ReaderLine>,
+    reader_slot: Option<ReaderSlot>,
     broken: OnceLock<io::Error>,
 }
 
@@ -63,7 +63,7 @@ impl Guarded {
             segment,
             header,
             mapping: None,
-            line: None,
+            reader_slot: None,
             broken: OnceLock::new(),
         }
     }
@@ -81,10 +81,10 @@ impl Guarded {
         let mut guarded = Guarded::unmapped(segment, header);
         guarded.mapping = Some(mapping);
         if access == Access::Write {
-            guarded.line = guarded
-                .lock_line()
+            guarded.reader_slot = guarded
+                .lock_reader_slot()
                 .map_err(Error::os("lock", topic.path()))?;
-            if guarded.line.is_none() {
+            if guarded.reader_slot.is_none() {
                 let path = topic.path().to_owned();
                 return Err(Error::NoReaderSlot { path });
             }
@@ -92,11 +92,11 @@ impl Guarded {
         Ok(guarded)
     }
 
-    fn lock_line(&self) -> io::Result<Option<ReaderLine>> {
-        for line in ReaderLine::all() {
-            let claimed = self.load32(SUBSCRIBER_MASK) & line.bit() != 0;
-            if !claimed && self.segment.try_lock(line.lock())? {
-                return Ok(Some(line));
+    fn lock_reader_slot(&self) -> io::Result<Option<ReaderSlot>> {
+        for reader_slot in ReaderSlot::all() {
+            let claimed = self.load32(SUBSCRIBER_MASK) & reader_slot.bit() != 0;
+            if !claimed && self.segment.try_lock(reader_slot.lock())? {
+                return Ok(Some(reader_slot));
             }
         }
         Ok(None)
@@ -135,8 +135,8 @@ impl Guarded {
         let seen = self.load32(FUTEX_WORD);
         // Acquire: as in wait::sleep.
         fence(Ordering::Acquire);
-        if let Some(line) = self.line {
-            self.note(mapping.set_bit(WAITING_MASK.offset(), line.index()));
+        if let Some(reader_slot) = self.reader_slot {
+            self.note(mapping.set_bit(WAITING_MASK.offset(), reader_slot.index()));
         }
         fence(Ordering::SeqCst);
         if !news() && !self.is_broken() {
@@ -147,8 +147,8 @@ impl Guarded {
     }
 
     fn stop_waiting(&self) {
-        if let (Some(line), Some(mapping)) = (self.line, &self.mapping) {
-            self.note(mapping.clear_bit(WAITING_MASK.offset(), line.index()));
+        if let (Some(reader_slot), Some(mapping)) = (self.reader_slot, &self.mapping) {
+            self.note(mapping.clear_bit(WAITING_MASK.offset(), reader_slot.index()));
         }
     }
 
@@ -232,10 +232,10 @@ impl Alarm for Guarded {
 
 impl Drop for Guarded {
     fn drop(&mut self) {
-        if let Some(line) = self.line {
+        if let Some(reader_slot) = self.reader_slot {
             self.stop_waiting();
             // The mapping keeps the open file alive, and so the lock.
-            let _ = self.segment.unlock(line.lock());
+            let _ = self.segment.unlock(reader_slot.lock());
         }
     }
 }

@@ -8,7 +8,7 @@ use crate::geometry::Geometry;
 use crate::guarded::Guarded;
 use crate::header::{Header, Origin};
 use crate::layout::{
-    DROPPED_PINNED, LAST_PUBLISH, PUBLISHER_LOCK, REALTIME_OFFSET, REJECTED_OVERSIZE, ReaderLine,
+    DROPPED_PINNED, LAST_PUBLISH, PUBLISHER_LOCK, REALTIME_OFFSET, REJECTED_OVERSIZE, ReaderSlot,
     STATE, STATE_CLOSED, STATE_LIVE, STATE_RETIRED, SUBSCRIBER_MASK, WAITING_MASK, WAKE_COUNT,
     WRITER_EPOCH, WRITER_PID,
 };
@@ -138,8 +138,8 @@ impl Info {
             dropped_pinned: source.load(DROPPED_PINNED, Relaxed),
             rejected_oversize: source.load(REJECTED_OVERSIZE, Relaxed),
             wake_count: source.load(WAKE_COUNT, Relaxed),
-            readers: ReaderLine::all()
-                .filter_map(|line| reader_of(segment, source, line))
+            readers: ReaderSlot::all()
+                .filter_map(|reader_slot| reader_of(segment, source, reader_slot))
                 .collect(),
         }
     }
@@ -156,21 +156,21 @@ fn state(header: &Header, state: u32, alive: bool) -> State {
     }
 }
 
-fn reader_of(segment: &Segment, source: &impl Source, line: ReaderLine) -> Option<Reader> {
-    let has = |mask| source.load32(mask, Relaxed) & line.bit() != 0;
+fn reader_of(segment: &Segment, source: &impl Source, reader_slot: ReaderSlot) -> Option<Reader> {
+    let has = |mask| source.load32(mask, Relaxed) & reader_slot.bit() != 0;
     if !has(SUBSCRIBER_MASK) {
         return None;
     }
-    let native = claim::is_native_claim(source, line);
-    let held = pins::held(source, line);
+    let native = claim::is_native_claim(source, reader_slot);
+    let held = pins::held(source, reader_slot);
     Some(Reader {
-        index: line.index(),
+        index: reader_slot.index(),
         native,
-        alive: !native || segment.is_locked(line.lock()).unwrap_or(true),
+        alive: !native || segment.is_locked(reader_slot.lock()).unwrap_or(true),
         waiting: has(WAITING_MASK),
-        pid: source.load32(line.pid(), Relaxed),
-        next_sequence: source.load(line.read_idx(), Relaxed),
-        lost: source.load(line.lost_count(), Relaxed),
+        pid: source.load32(reader_slot.pid(), Relaxed),
+        next_sequence: source.load(reader_slot.read_idx(), Relaxed),
+        lost: source.load(reader_slot.lost_count(), Relaxed),
         leases: held.len() as u32,
         held,
     })

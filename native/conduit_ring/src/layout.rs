@@ -1,11 +1,11 @@
 //! Where each field lies in a segment, and the fixed values that stand in them.
 //!
-//! Offsets 0..16, 64..72, 128..136 and the first eight bytes of each reader line are conduit's and mean what its C++
+//! Offsets 0..16, 64..72, 128..136 and the first eight bytes of each reader slot are conduit's and mean what its C++
 //! programs take them to mean; all other header bytes are spare there and hold the extension.
 
 /// Length of the header in front of slot 0.
 pub(crate) const HEADER_LEN: usize = 1216;
-/// Number of reader lines, and the only value of `max_subscribers` that is accepted.
+/// Number of reader slots, and the only value of `max_subscribers` that is accepted.
 pub(crate) const READERS: u32 = 16;
 /// Length of the header of one slot: size, sequence, timestamp.
 pub(crate) const SLOT_HEADER_LEN: usize = 20;
@@ -95,14 +95,14 @@ pub(crate) const SLOT_SEQ_HI: usize = 8;
 pub(crate) const SLOT_TIME_LO: usize = 12;
 pub(crate) const SLOT_TIME_HI: usize = 16;
 
-/// One of the 16 reader lines.
+/// One of the 16 reader slots.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct ReaderLine(u16);
+pub(crate) struct ReaderSlot(u16);
 
-impl ReaderLine {
+impl ReaderSlot {
     /// All of them; loom models two.
-    pub(crate) fn all() -> impl Iterator<Item = ReaderLine> {
-        (0..if cfg!(loom) { 2 } else { READERS as u16 }).map(ReaderLine)
+    pub(crate) fn all() -> impl Iterator<Item = ReaderSlot> {
+        (0..if cfg!(loom) { 2 } else { READERS as u16 }).map(ReaderSlot)
     }
 
     pub(crate) const fn index(self) -> u32 {
@@ -117,7 +117,7 @@ impl ReaderLine {
         192 + 64 * self.0 as usize
     }
 
-    /// The byte whose lock says that this line's reader lives.
+    /// The byte whose lock says that this reader slot's reader lives.
     pub(crate) const fn lock(self) -> u64 {
         self.base() as u64
     }
@@ -142,7 +142,7 @@ impl ReaderLine {
         At64::new(self.base() + 32)
     }
 
-    /// The three pins of this line: sequence number + 1 of a message whose slot the reader holds, or 0.
+    /// The three pins of this reader slot: sequence number + 1 of a message whose slot the reader holds, or 0.
     pub(crate) const fn pins(self) -> [At64; 3] {
         [
             At64::new(self.base() + 40),

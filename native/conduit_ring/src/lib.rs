@@ -123,8 +123,6 @@ mod info;
 #[cfg(not(loom))]
 mod lease;
 #[cfg(not(loom))]
-mod line;
-#[cfg(not(loom))]
 mod listing;
 #[cfg(not(loom))]
 mod loan;
@@ -138,6 +136,8 @@ mod owner;
 mod processes;
 #[cfg(not(loom))]
 mod publisher;
+#[cfg(not(loom))]
+mod registration;
 #[cfg(not(loom))]
 pub mod repair;
 #[cfg(not(loom))]

@@ -41,10 +41,10 @@ use loom::model::Builder;
 use loom::sync::Arc;
 use loom::thread;
 
-use crate::claim::{Claim, Claimant, LineLocks, prepare, reclaim_leaked, reclaim_pins};
+use crate::claim::{Claim, Claimant, ReaderSlotLocks, prepare, reclaim_leaked, reclaim_pins};
 use crate::geometry::Geometry;
 use crate::layout::{
-    DROPPED_PINNED, FUTEX_WORD, NATIVE_MASK, PIN_MASK, ReaderLine, SLOT_LEN, SLOT_SEQ_HI,
+    DROPPED_PINNED, FUTEX_WORD, NATIVE_MASK, PIN_MASK, ReaderSlot, SLOT_LEN, SLOT_SEQ_HI,
     SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO, SUBSCRIBER_MASK, WRITE_IDX,
 };
 use crate::memory::Memory;
@@ -176,24 +176,24 @@ fn a_torn_message_of_a_legacy_publisher_is_never_accepted() {
     });
 }
 
-/// Marks a line as claimed by a reader with the extension.
-fn claim_by_hand(memory: &Memory) -> ReaderLine {
-    let line = ReaderLine::all().next().unwrap();
+/// Marks a reader slot as claimed by a reader with the extension.
+fn claim_by_hand(memory: &Memory) -> ReaderSlot {
+    let reader_slot = ReaderSlot::all().next().unwrap();
     memory
         .u32(SUBSCRIBER_MASK)
-        .fetch_or(line.bit(), Ordering::Relaxed);
+        .fetch_or(reader_slot.bit(), Ordering::Relaxed);
     memory
         .u32(NATIVE_MASK)
-        .fetch_or(line.bit(), Ordering::Relaxed);
-    line
+        .fetch_or(reader_slot.bit(), Ordering::Relaxed);
+    reader_slot
 }
 
-fn sleep_until_message(memory: &Memory, line: ReaderLine, reader: &mut Reader) -> Meta {
+fn sleep_until_message(memory: &Memory, reader_slot: ReaderSlot, reader: &mut Reader) -> Meta {
     loop {
         if let Some(meta) = read(reader, memory) {
             return meta;
         }
-        wait::sleep(memory, line, FOREVER, || reader.has_news(memory));
+        wait::sleep(memory, reader_slot, FOREVER, || reader.has_news(memory));
     }
 }
 
@@ -201,12 +201,15 @@ fn sleep_until_message(memory: &Memory, line: ReaderLine, reader: &mut Reader) -
 fn a_sleeper_is_always_woken() {
     check(3, || {
         let memory = two_slots();
-        let line = claim_by_hand(&memory);
+        let reader_slot = claim_by_hand(&memory);
         let sleeper = {
             let memory = memory.clone();
             thread::spawn(move || {
                 let mut reader = Reader::resume(Dialect::Native, 0, 0);
-                assert_eq!(sleep_until_message(&memory, line, &mut reader).sequence, 0);
+                assert_eq!(
+                    sleep_until_message(&memory, reader_slot, &mut reader).sequence,
+                    0
+                );
             })
         };
         publish(&mut Writer::resume(&memory), &memory);
@@ -257,25 +260,25 @@ struct Locks(Vec<AtomicU32>);
 impl Locks {
     fn new() -> Arc<Locks> {
         Arc::new(Locks(
-            ReaderLine::all().map(|_| AtomicU32::new(0)).collect(),
+            ReaderSlot::all().map(|_| AtomicU32::new(0)).collect(),
         ))
     }
 
-    fn of(&self, line: ReaderLine) -> &AtomicU32 {
-        &self.0[line.index() as usize]
+    fn of(&self, reader_slot: ReaderSlot) -> &AtomicU32 {
+        &self.0[reader_slot.index() as usize]
     }
 }
 
-impl LineLocks for Locks {
-    fn try_lock(&self, line: ReaderLine) -> io::Result<bool> {
+impl ReaderSlotLocks for Locks {
+    fn try_lock(&self, reader_slot: ReaderSlot) -> io::Result<bool> {
         Ok(self
-            .of(line)
+            .of(reader_slot)
             .compare_exchange(0, 1, Ordering::Acquire, Ordering::Relaxed)
             .is_ok())
     }
 
-    fn unlock(&self, line: ReaderLine) -> io::Result<()> {
-        self.of(line).store(0, Ordering::Release);
+    fn unlock(&self, reader_slot: ReaderSlot) -> io::Result<()> {
+        self.of(reader_slot).store(0, Ordering::Release);
         Ok(())
     }
 }
@@ -316,7 +319,7 @@ fn a_leaked_line_goes_to_one_claimant() {
         let (memory, locks) = (two_slots(), Locks::new());
         let leaked = take(&memory, &locks, 9).unwrap();
         let held = take(&memory, &locks, 8).unwrap();
-        locks.unlock(leaked.line).unwrap();
+        locks.unlock(leaked.reader_slot).unwrap();
         let other = {
             let (memory, locks) = (memory.clone(), locks.clone());
             thread::spawn(move || take(&memory, &locks, 2))
@@ -325,9 +328,9 @@ fn a_leaked_line_goes_to_one_claimant() {
         let other = other.join().unwrap();
         let winners: Vec<Claim> = [mine, other].into_iter().flatten().collect();
         assert!(winners.len() <= 1);
-        winners
-            .iter()
-            .for_each(|winner| assert!(winner.stands(&memory) && winner.line == leaked.line));
+        winners.iter().for_each(|winner| {
+            assert!(winner.stands(&memory) && winner.reader_slot == leaked.reader_slot)
+        });
         assert!(held.stands(&memory));
     });
 }
@@ -340,7 +343,7 @@ fn a_legacy_successor_of_a_bit_is_woken() {
         let legacy = {
             let memory = memory.clone();
             thread::spawn(move || {
-                let bit = native.line.bit();
+                let bit = native.reader_slot.bit();
                 let free = memory.u32(SUBSCRIBER_MASK).fetch_or(bit, Ordering::AcqRel) & bit == 0;
                 while free && memory.u64(WRITE_IDX).load(Ordering::Acquire) == 0 {
                     let seen = memory.u32(FUTEX_WORD).load(Ordering::Acquire);
@@ -368,13 +371,13 @@ fn reclaiming_spares_a_legacy_successor() {
     check(3, || {
         let (memory, locks) = (two_slots(), Locks::new());
         let leaked = take(&memory, &locks, 9).unwrap();
-        locks.unlock(leaked.line).unwrap();
+        locks.unlock(leaked.reader_slot).unwrap();
         let other = {
             let (memory, locks) = (memory.clone(), locks.clone());
             thread::spawn(move || reclaim_leaked(&memory, &*locks).unwrap())
         };
         reclaim_leaked(&memory, &*locks).unwrap();
-        let (mask, bit) = (memory.u32(SUBSCRIBER_MASK), leaked.line.bit());
+        let (mask, bit) = (memory.u32(SUBSCRIBER_MASK), leaked.reader_slot.bit());
         let claimed = mask.fetch_or(bit, Ordering::AcqRel) & bit == 0;
         other.join().unwrap();
         assert!(!claimed || mask.load(Ordering::Relaxed) & bit != 0);
@@ -384,23 +387,23 @@ fn reclaiming_spares_a_legacy_successor() {
 /// A reader that pins. Like `Attachment::lease`.
 struct Pinner {
     reader: Reader,
-    line: ReaderLine,
+    reader_slot: ReaderSlot,
     announced: Announced,
 }
 
 impl Pinner {
     fn begin(memory: &Memory, cursor: u64) -> Pinner {
-        let line = claim_by_hand(memory);
+        let reader_slot = claim_by_hand(memory);
         Pinner {
             reader: Reader::resume(Dialect::Native, cursor, 0),
-            line,
-            announced: pins::announce(memory, line),
+            reader_slot,
+            announced: pins::announce(memory, reader_slot),
         }
     }
 
     /// Pins the next message, if one is protected and whole, and checks what is in its slot.
     fn pin(&mut self, memory: &Memory) -> Option<Meta> {
-        let pin = self.line.pins()[0];
+        let pin = self.reader_slot.pins()[0];
         let announced = self.announced;
         let meta = self.reader.search(memory, Policy::All, |reader| {
             announced
@@ -427,7 +430,7 @@ impl Pinner {
     }
 
     fn unpin(&self, memory: &Memory) {
-        pins::unpin(memory, self.line.pins()[0]);
+        pins::unpin(memory, self.reader_slot.pins()[0]);
     }
 }
 
@@ -588,10 +591,10 @@ fn a_reader_that_pins_while_the_slot_is_passed_over_for_another_gets_a_message_o
         let second = {
             let memory = memory.clone();
             thread::spawn(move || {
-                // In the same line, by its second pin.
-                let line = ReaderLine::all().next().unwrap();
+                // In the same reader slot, by its second pin.
+                let reader_slot = ReaderSlot::all().next().unwrap();
                 let mut reader = Reader::resume(Dialect::Native, 0, 0);
-                if let Some(meta) = reader.take_pinned(&memory, line.pins()[1]) {
+                if let Some(meta) = reader.take_pinned(&memory, reader_slot.pins()[1]) {
                     holder.check(&memory, &meta);
                 }
             })
@@ -695,18 +698,18 @@ fn pins_of_the_dead_are_taken_back_and_those_of_the_living_are_not() {
         publish(&mut writer, &memory);
         publish(&mut writer, &memory);
         let claim = take(&memory, &locks, 1).unwrap();
-        pins::announce(&memory, claim.line);
-        pins::pin(&memory, claim.line.pins()[0], 0);
+        pins::announce(&memory, claim.reader_slot);
+        pins::pin(&memory, claim.reader_slot.pins()[0], 0);
         let claimant = {
             let (memory, locks) = (memory.clone(), locks.clone());
             thread::spawn(move || {
-                locks.unlock(claim.line).unwrap();
+                locks.unlock(claim.reader_slot).unwrap();
                 take(&memory, &locks, 2)
             })
         };
         let held = |memory: &Memory| memory.u32(PIN_MASK).load(Ordering::Relaxed) != 0;
         let before = held(&memory);
-        let reclaimed = reclaim_pins(&memory, &*locks, claim.line.bit()).unwrap();
+        let reclaimed = reclaim_pins(&memory, &*locks, claim.reader_slot.bit()).unwrap();
         assert!(!before || !reclaimed || !held(&memory));
         let successor = claimant.join().unwrap();
         assert!(successor.is_none_or(|successor| successor.stands(&memory)));

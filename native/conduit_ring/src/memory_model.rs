@@ -7,7 +7,7 @@ use std::time::Duration;
 use loom::sync::{Condvar, Mutex};
 
 use crate::geometry::Geometry;
-use crate::layout::{self, At32, At64, FUTEX_WORD, ReaderLine, SLOT_HEADER_LEN};
+use crate::layout::{self, At32, At64, FUTEX_WORD, ReaderSlot, SLOT_HEADER_LEN};
 use crate::sync::{AtomicU32, AtomicU64, Ordering, fence};
 
 /// A segment of tiny slots: 24 bytes hold one word of payload.
@@ -36,19 +36,19 @@ impl Memory {
             layout::WAKE_COUNT,
             layout::DROPPED_PINNED,
         ];
-        let lines = ReaderLine::all().flat_map(|line| {
-            let [a, b, c] = line.pins();
+        let reader_slots = ReaderSlot::all().flat_map(|reader_slot| {
+            let [a, b, c] = reader_slot.pins();
             [
-                line.read_idx(),
-                line.start_time(),
-                line.lost_count(),
-                line.claim_id(),
+                reader_slot.read_idx(),
+                reader_slot.start_time(),
+                reader_slot.lost_count(),
+                reader_slot.claim_id(),
                 a,
                 b,
                 c,
             ]
         });
-        let pids = ReaderLine::all().map(ReaderLine::pid);
+        let pids = ReaderSlot::all().map(ReaderSlot::pid);
         let slot_words = (geometry.slot_count() * geometry.slot_size() / 4) as usize;
         Memory {
             geometry,
@@ -59,7 +59,7 @@ impl Memory {
                 .collect(),
             longs: longs
                 .into_iter()
-                .chain(lines)
+                .chain(reader_slots)
                 .map(|at| (at.offset(), AtomicU64::new(0)))
                 .collect(),
             slots: (0..slot_words).map(|_| AtomicU32::new(0)).collect(),

@@ -1,7 +1,7 @@
 //! Pins: a reader that wants to look at a message where it lies, instead of copying it, says so, and the writer passes that
 //! slot over until the pin is gone. Nobody waits for anybody.
 //!
-//! A pin is a word in the reader's line: sequence number + 1 of the message that is held. Both sides announce first and look
+//! A pin is a word in the reader's reader slot: sequence number + 1 of the message that is held. Both sides announce first and look
 //! then, with a SeqCst fence between: the reader writes its pin and looks at `write_intent`; the writer writes `write_intent`
 //! and looks at the pins. At least one of the two sees the other: the reader fails, or the writer leaves the payload alone.
 //!
@@ -20,7 +20,7 @@
 //! may be written without a look at the pins is w itself, and the one message that this can overwrite is w − slot_count.
 //! That one the reader does not pin: it copies it ([`Announced::protects`]). All others are safe from then on.
 
-use crate::layout::{At64, PIN_MASK, ReaderLine};
+use crate::layout::{At64, PIN_MASK, ReaderSlot};
 use crate::memory::Memory;
 use crate::reader;
 use crate::sync::{Ordering, fence};
@@ -40,10 +40,12 @@ impl Announced {
     }
 }
 
-/// Says that the reader of this line uses pins, until it gives the line up.
-pub(crate) fn announce(memory: &Memory, line: ReaderLine) -> Announced {
-    // Release: meets the Acquire in `holders`, which then sees the pins that were cleared when the line was claimed.
-    memory.u32(PIN_MASK).fetch_or(line.bit(), Ordering::Release);
+/// Says that the reader of this reader slot uses pins, until it gives the reader slot up.
+pub(crate) fn announce(memory: &Memory, reader_slot: ReaderSlot) -> Announced {
+    // Release: meets the Acquire in `holders`, which then sees the pins that were cleared when the reader slot was claimed.
+    memory
+        .u32(PIN_MASK)
+        .fetch_or(reader_slot.bit(), Ordering::Release);
     fence(Ordering::SeqCst);
     Announced {
         unseen: reader::published(memory),
@@ -70,7 +72,7 @@ pub(crate) fn in_use(memory: &Memory) -> bool {
     memory.u32(PIN_MASK).load(Ordering::Relaxed) != 0
 }
 
-/// The lines, as bits, that hold a message in the slot which message `next` is about to take. `write_intent` says `next`
+/// The reader slots, as bits, that hold a message in the slot which message `next` is about to take. `write_intent` says `next`
 /// already.
 #[cold]
 pub(crate) fn holders(memory: &Memory, next: u64) -> u32 {
@@ -78,9 +80,11 @@ pub(crate) fn holders(memory: &Memory, next: u64) -> u32 {
     fence(Ordering::SeqCst);
     // Acquire: meets the Release in `announce`, for a bit that has just been set.
     let mask = memory.u32(PIN_MASK).load(Ordering::Acquire);
-    ReaderLine::all()
-        .filter(|line| mask & line.bit() != 0 && holds_slot(memory, *line, next))
-        .fold(0, |bits, line| bits | line.bit())
+    ReaderSlot::all()
+        .filter(|reader_slot| {
+            mask & reader_slot.bit() != 0 && holds_slot(memory, *reader_slot, next)
+        })
+        .fold(0, |bits, reader_slot| bits | reader_slot.bit())
 }
 
 /// Whether some slot behind that of message `next` is held by nobody, as far as a look tells: there are fewer pins than most
@@ -91,22 +95,24 @@ pub(crate) fn is_another_free(memory: &Memory, next: u64) -> bool {
         .any(|ahead| holders(memory, next.wrapping_add(ahead)) == 0)
 }
 
-fn holds_slot(memory: &Memory, line: ReaderLine, sequence: u64) -> bool {
+fn holds_slot(memory: &Memory, reader_slot: ReaderSlot, sequence: u64) -> bool {
     let lap = u64::from(memory.geometry().slot_count()) - 1;
-    line.pins().into_iter().any(|pin| {
+    reader_slot.pins().into_iter().any(|pin| {
         // Acquire: meets the Release in `unpin`.
         let pin = memory.u64(pin).load(Ordering::Acquire);
         pin != 0 && (pin - 1) & lap == sequence & lap
     })
 }
 
-/// The messages that the reader of this line holds, the oldest first, for people to read.
+/// The messages that the reader of this reader slot holds, the oldest first, for people to read.
 #[cfg(not(loom))]
-pub(crate) fn held(source: &impl reader::Source, line: ReaderLine) -> Vec<u64> {
-    if source.load32(PIN_MASK, Ordering::Relaxed) & line.bit() == 0 {
+pub(crate) fn held(source: &impl reader::Source, reader_slot: ReaderSlot) -> Vec<u64> {
+    if source.load32(PIN_MASK, Ordering::Relaxed) & reader_slot.bit() == 0 {
         return Vec::new();
     }
-    let pins = line.pins().map(|pin| source.load(pin, Ordering::Relaxed));
+    let pins = reader_slot
+        .pins()
+        .map(|pin| source.load(pin, Ordering::Relaxed));
     let mut held: Vec<u64> = pins
         .into_iter()
         .filter_map(|pin| pin.checked_sub(1))

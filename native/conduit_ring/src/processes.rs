@@ -7,7 +7,7 @@
 use std::collections::HashMap;
 
 use crate::claim;
-use crate::layout::ReaderLine;
+use crate::layout::ReaderSlot;
 use crate::os::{self, FileId, Segment};
 use crate::reader::Source;
 use crate::sync::Ordering::Relaxed;
@@ -55,7 +55,7 @@ pub fn nameless_publishers() -> Vec<Nameless> {
 pub(crate) fn legacy_peer(
     segment: &Segment,
     source: &impl Source,
-    own: Option<ReaderLine>,
+    own: Option<ReaderSlot>,
     last: Option<u32>,
 ) -> Option<u32> {
     let file = segment.id().ok()?;
@@ -89,13 +89,14 @@ pub(crate) fn is_about_to_be_mapped(segment: &Segment) -> bool {
 fn native_readers(
     segment: &Segment,
     source: &impl Source,
-    own: Option<ReaderLine>,
+    own: Option<ReaderSlot>,
 ) -> HashMap<u32, usize> {
     let mut readers = HashMap::new();
-    for line in ReaderLine::all().filter(|&line| claim::is_native_claim(source, line)) {
-        if Some(line) == own || segment.is_locked(line.lock()).unwrap_or(true) {
+    let native = |&reader_slot: &ReaderSlot| claim::is_native_claim(source, reader_slot);
+    for reader_slot in ReaderSlot::all().filter(native) {
+        if Some(reader_slot) == own || segment.is_locked(reader_slot.lock()).unwrap_or(true) {
             *readers
-                .entry(source.load32(line.pid(), Relaxed))
+                .entry(source.load32(reader_slot.pid(), Relaxed))
                 .or_default() += 1;
         }
     }

@@ -7,7 +7,7 @@ use crate::create;
 use crate::error::{Error, Fault};
 use crate::header::{FIXED_LEN, Header, Origin};
 use crate::info::Info;
-use crate::layout::{EXT_MAGIC, HEADER_LEN, MAGIC, PUBLISHER_LOCK, ReaderLine, SUBSCRIBER_MASK};
+use crate::layout::{EXT_MAGIC, HEADER_LEN, MAGIC, PUBLISHER_LOCK, ReaderSlot, SUBSCRIBER_MASK};
 use crate::memory::Memory;
 use crate::os::{Access, Name, Segment};
 use crate::sync::Ordering::Release;
@@ -90,9 +90,9 @@ pub fn clear_legacy_readers(topic: &Topic) -> Result<Repair, Error> {
             .map_err(Error::os("map", topic.path()))?;
         let memory = Memory::new(mapping, header.geometry)
             .ok_or_else(|| attach::bad(topic, Fault::Truncated))?;
-        let legacy = ReaderLine::all()
-            .filter(|&line| !claim::is_native_claim(&memory, line))
-            .fold(0, |bits, line| bits | line.bit());
+        let legacy = ReaderSlot::all()
+            .filter(|&reader_slot| !claim::is_native_claim(&memory, reader_slot))
+            .fold(0, |bits, reader_slot| bits | reader_slot.bit());
         // Release: as in claim::clear.
         let before = memory.u32(SUBSCRIBER_MASK).fetch_and(!legacy, Release);
         Ok(match before & legacy {

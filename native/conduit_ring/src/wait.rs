@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::layout::{FUTEX_WORD, ReaderLine, WAITING_MASK};
+use crate::layout::{FUTEX_WORD, ReaderSlot, WAITING_MASK};
 use crate::memory::Memory;
 use crate::sync::{Ordering, fence};
 
@@ -17,7 +17,7 @@ pub(crate) const LONGEST_LEGACY_SLEEP: Duration = Duration::from_millis(50);
 /// `news` is asked once the waiting bit is set: what it does not see then, the writer follows with a wake-up.
 pub(crate) fn sleep(
     memory: &Memory,
-    line: ReaderLine,
+    reader_slot: ReaderSlot,
     timeout: Duration,
     news: impl FnOnce() -> bool,
 ) {
@@ -25,14 +25,14 @@ pub(crate) fn sleep(
     let seen = memory.u32(FUTEX_WORD).load(Ordering::Acquire);
     memory
         .u32(WAITING_MASK)
-        .fetch_or(line.bit(), Ordering::Relaxed);
+        .fetch_or(reader_slot.bit(), Ordering::Relaxed);
     fence(Ordering::SeqCst);
     if !news() {
         memory.futex_wait(seen, timeout.min(LONGEST_SLEEP));
     }
     memory
         .u32(WAITING_MASK)
-        .fetch_and(!line.bit(), Ordering::Relaxed);
+        .fetch_and(!reader_slot.bit(), Ordering::Relaxed);
 }
 
 /// Sleeps through a mapping that cannot be written, unless there is news already. No waiting bit says so: a writer that

@@ -90,21 +90,24 @@ fn the_page_has_all_fields_of_the_header_where_they_are() {
 }
 
 #[test]
-fn the_page_has_the_fields_of_a_reader_line_where_they_are() {
-    let line = layout::ReaderLine::all().nth(3).unwrap();
+fn the_page_has_the_fields_of_a_reader_slot_where_they_are() {
+    let reader_slot = layout::ReaderSlot::all().nth(3).unwrap();
     let base = 192 + 64 * 3;
-    assert_eq!(line.lock(), base as u64);
+    assert_eq!(reader_slot.lock(), base as u64);
     let expected = [
-        ("READ_IDX", "u64", line.read_idx().offset()),
-        ("PID", "u32", line.pid().offset()),
-        ("START_TIME", "u64", line.start_time().offset()),
-        ("LOST_COUNT", "u64", line.lost_count().offset()),
-        ("CLAIM_ID", "u64", line.claim_id().offset()),
-        ("PINS", "u64 ×3", line.pins()[0].offset()),
+        ("READ_IDX", "u64", reader_slot.read_idx().offset()),
+        ("PID", "u32", reader_slot.pid().offset()),
+        ("START_TIME", "u64", reader_slot.start_time().offset()),
+        ("LOST_COUNT", "u64", reader_slot.lost_count().offset()),
+        ("CLAIM_ID", "u64", reader_slot.claim_id().offset()),
+        ("PINS", "u64 ×3", reader_slot.pins()[0].offset()),
     ]
     .map(|(name, of, at)| (name.to_owned(), of.to_owned(), at - base));
-    assert_eq!(fields("| offset in the line | type | field | |"), expected);
-    assert_eq!(line.pins().len(), 3);
+    assert_eq!(
+        fields("| offset in the reader slot | type | field | |"),
+        expected
+    );
+    assert_eq!(reader_slot.pins().len(), 3);
 }
 
 #[test]
