@@ -5,17 +5,20 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crate::attach::{self, Attached, Found};
+use crate::delivery::{Meta, Policy, Start};
 use crate::error::{Error, Fault};
 use crate::guarded::{Guard, Guarded};
-use crate::header::{FIXED_LEN, Header, Origin};
+use crate::header::{FIXED_LEN, Header};
 use crate::layout::{At32, PUBLISHER_LOCK, STATE, STATE_LIVE, WRITER_EPOCH, WRITER_PID};
 use crate::lease::Lease;
 use crate::memory::Memory;
 use crate::os::{Access, Name, Segment};
 use crate::pins::{self, Announced};
 use crate::processes;
-use crate::reader::{self, Dialect, Meta, Policy, Reader, Sink, Source, Start};
+use crate::reader::{Dialect, Reader};
 use crate::registration::{Registration, Ticket};
+use crate::sink::{IntoBox, Sink};
+use crate::source::{self, Source};
 use crate::sync::Ordering::{Acquire, Relaxed};
 use crate::topic::Topic;
 use crate::wait::{self, LONGEST_LEGACY_SLEEP, LONGEST_SLEEP};
@@ -123,7 +126,7 @@ impl Way {
     ) -> Result<Way, Error> {
         let access = part.access();
         let way = match guard {
-            _ if foreign || (guard == Guard::Always && !is_native(&header)) => {
+            _ if foreign || (guard == Guard::Always && !header.is_native()) => {
                 Way::Guarded(Arc::new(Guarded::unmapped(segment, header)))
             }
             Guard::Always => Way::Guarded(Arc::new(Guarded::open(topic, segment, header, access)?)),
@@ -191,7 +194,7 @@ impl Attachment {
             Err(fault) => return Err(attach::bad(topic, fault)),
         };
         let mut way = Way::open(topic, part, guard, found, header)?;
-        if is_native(&header) && way.load32(STATE) != STATE_LIVE {
+        if header.is_native() && way.load32(STATE) != STATE_LIVE {
             return Ok(None);
         }
         way.claim(topic, part)?;
@@ -233,7 +236,7 @@ impl Attachment {
 
     pub(crate) fn incarnation(&self) -> Incarnation {
         Incarnation {
-            instance_id: instance_id(&self.header).unwrap_or(0),
+            instance_id: self.header.instance_id(),
             epoch: self.way.load32(WRITER_EPOCH),
             pid: self.way.load32(WRITER_PID),
         }
@@ -317,14 +320,14 @@ impl Attachment {
             Way::Mapped {
                 attached,
                 reader_slot: Some(reader_slot),
-            } if is_native(&self.header) => {
+            } if self.header.is_native() => {
                 let (attached, reader_slot) = (attached.clone(), reader_slot.clone());
                 self.lease_slot(topic, policy, &attached.memory, &reader_slot)
             }
             _ => {
-                let mut copy = Copied::default();
+                let mut copy = IntoBox::default();
                 let meta = self.next(topic, policy, &mut copy)?;
-                Ok(meta.map(|meta| copy.into_lease(meta, topic)))
+                Ok(meta.map(|meta| copied_lease(copy, meta, topic)))
             }
         }
     }
@@ -346,7 +349,7 @@ impl Attachment {
             .announced
             .get_or_insert_with(|| pins::announce(memory, reader_slot.number()));
         let lost_before = self.reader.lost_total();
-        let mut copy = Copied::default();
+        let mut copy = IntoBox::default();
         let taken = self.reader.search(memory, policy, |reader| {
             let held = announced.protects(memory, reader.cursor());
             let meta = if held {
@@ -365,7 +368,7 @@ impl Attachment {
             }
             Some((meta, false)) => {
                 ticket.return_view(view);
-                Some(copy.into_lease(meta, topic))
+                Some(copied_lease(copy, meta, topic))
             }
             None => {
                 ticket.return_view(view);
@@ -389,7 +392,7 @@ impl Attachment {
 
     /// Whether the state that stands in the segment says that its publisher goes on. Cheap.
     pub(crate) fn says_live(&self) -> bool {
-        !is_native(&self.header) || self.way.load32(STATE) == STATE_LIVE
+        !self.header.is_native() || self.way.load32(STATE) == STATE_LIVE
     }
 
     /// Looks whether the publisher lives and the topic is still this segment.
@@ -402,20 +405,20 @@ impl Attachment {
             return Ok(Life::Over);
         }
         let name = segment.name(topic.path())?;
-        let alive = if is_native(&self.header) {
+        let alive = if self.header.is_native() {
             segment.is_locked(PUBLISHER_LOCK)?
         } else {
             self.legacy_publisher_lives()
         };
-        Ok(judge(is_native(&self.header), alive, name))
+        Ok(judge(self.header.is_native(), alive, name))
     }
 
     /// Whether a legacy publisher lives, as far as is known: it publishes, or some process has the segment mapped as it would.
     fn legacy_publisher_lives(&mut self) -> bool {
         let now = Instant::now();
         let published = match &self.way {
-            Way::Mapped { attached, .. } => reader::published(&*attached.memory),
-            Way::Guarded(guarded) => reader::published(&**guarded),
+            Way::Mapped { attached, .. } => source::published(&*attached.memory),
+            Way::Guarded(guarded) => source::published(&**guarded),
         };
         if published != self.legacy.published {
             self.legacy.published = published;
@@ -443,7 +446,7 @@ impl Attachment {
 
     /// The longest sleep without a look at the publisher.
     pub(crate) fn longest_sleep(&self) -> Duration {
-        if is_native(&self.header) {
+        if self.header.is_native() {
             LONGEST_SLEEP
         } else {
             LONGEST_LEGACY_SLEEP
@@ -472,7 +475,7 @@ impl Attachment {
 }
 
 fn begin(source: &impl Source, header: &Header, beginning: Beginning) -> Reader {
-    let dialect = if is_native(header) {
+    let dialect = if header.is_native() {
         Dialect::Native
     } else {
         Dialect::Legacy
@@ -486,26 +489,8 @@ fn begin(source: &impl Source, header: &Header, beginning: Beginning) -> Reader 
     }
 }
 
-/// A copy of a message for a lease.
-#[derive(Default)]
-struct Copied(Vec<u8>);
-
-impl Copied {
-    fn into_lease(mut self, meta: Meta, topic: &Topic) -> Lease {
-        // The sink made it as long as the message; a later try may have asked for less.
-        self.0.truncate(meta.len);
-        Lease::of_copy(meta, self.0.into_boxed_slice(), topic.path().to_owned())
-    }
-}
-
-// SAFETY: the vector is as long as was asked for, at least, and stays in place until the next call.
-unsafe impl Sink for Copied {
-    fn room(&mut self, len: usize) -> *mut u8 {
-        if self.0.len() < len {
-            self.0.resize(len, 0);
-        }
-        self.0.as_mut_ptr()
-    }
+fn copied_lease(copy: IntoBox, meta: Meta, topic: &Topic) -> Lease {
+    Lease::of_copy(meta, copy.into_bytes(meta.len), topic.path().to_owned())
 }
 
 fn judge(native: bool, alive: bool, name: Name) -> Life {
@@ -517,15 +502,9 @@ fn judge(native: bool, alive: bool, name: Name) -> Life {
     }
 }
 
+/// `None` without the extension.
 fn instance_id(header: &Header) -> Option<u64> {
-    match header.origin {
-        Origin::Native { instance_id } => Some(instance_id),
-        Origin::Legacy => None,
-    }
-}
-
-fn is_native(header: &Header) -> bool {
-    header.origin != Origin::Legacy
+    header.is_native().then_some(header.instance_id())
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ use std::io;
 
 use crate::layout::{NATIVE_MASK, PIN_MASK, ReaderSlot, SUBSCRIBER_MASK, WAITING_MASK};
 use crate::memory::Memory;
-use crate::reader::{self, Source};
+use crate::source::{self, Source};
 use crate::sync::Ordering::{AcqRel, Acquire, Relaxed, Release};
 
 /// `read_idx` of a reader slot that has not been claimed yet, or that a native reader is giving up.
@@ -148,7 +148,7 @@ fn take_free(memory: &Memory, reader_slot: ReaderSlot, who: Claimant) -> bool {
     memory.u32(NATIVE_MASK).fetch_or(reader_slot.bit(), Relaxed);
     memory
         .u64(reader_slot.read_idx())
-        .store(reader::published(memory), Relaxed);
+        .store(source::published(memory), Relaxed);
     memory.u32(reader_slot.pid()).store(who.pid, Relaxed);
     memory
         .u64(reader_slot.start_time())

@@ -1,4 +1,5 @@
-//! What can go wrong.
+//! The errors of opening, reading and waiting. [`PublishError`](crate::PublishError) is apart:
+//! publishing is the fast path, and its error is small and owns nothing.
 
 use std::fmt;
 use std::io;
@@ -9,6 +10,21 @@ const EPERM: i32 = 1;
 const EINVAL: i32 = 22;
 
 /// Why a ring could not be opened, read or awaited.
+///
+/// Each error that concerns a file names it, and [`Error::Os`] keeps the operating system's own
+/// error. The texts are sentences for people: which file, what is wrong, and where possible what
+/// to do.
+///
+/// ```
+/// use conduit_ring::{Error, Publisher, PublisherOptions, Topic};
+///
+/// # let name = format!("doc-second-{}", std::process::id());
+/// let topic = Topic::new(&name)?;
+/// let publisher = Publisher::open(&topic, &PublisherOptions::default())?;
+/// let error = Publisher::open(&topic, &PublisherOptions::default()).unwrap_err();
+/// assert!(matches!(error, Error::PublisherAlive { pid, .. } if pid == std::process::id()));
+/// # Ok::<(), conduit_ring::Error>(())
+/// ```
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum Error {
@@ -19,17 +35,17 @@ pub enum Error {
     },
     /// Number or length of the slots is outside the limits.
     InvalidGeometry {
-        /// What was given and what is accepted.
+        /// What was expected and what was given.
         reason: String,
     },
     /// Another publisher of this topic lives.
     PublisherAlive {
         /// The segment's file.
         path: PathBuf,
-        /// Its process, as it wrote it there; 0 when it has not yet.
+        /// The process of the other publisher, as it wrote it there; 0 until it has.
         pid: u32,
     },
-    /// The file was made by a publisher without the extension, and some process may still use it.
+    /// A publisher without the extension made the file, and some process may still use it.
     LegacyInUse {
         /// The segment's file.
         path: PathBuf,
@@ -38,14 +54,14 @@ pub enum Error {
     ForeignOwner {
         /// The segment's file.
         path: PathBuf,
-        /// Its owner.
+        /// The number of the file's owner.
         user: u32,
         /// The owner's name, if this machine knows one.
         name: Option<String>,
     },
-    /// A list of trusted users or groups has an entry that is none.
+    /// A list of trusted users or groups has an entry that is neither a number nor a known name.
     InvalidTrust {
-        /// What was given and what is accepted.
+        /// What was expected and what was given.
         reason: String,
     },
     /// All 16 reader slots are taken.
@@ -53,41 +69,45 @@ pub enum Error {
         /// The segment's file.
         path: PathBuf,
     },
-    /// The subscriber has as many leases as it may have.
+    /// The subscriber has three leases already.
     TooManyLeases {
         /// The segment's file.
         path: PathBuf,
     },
-    /// It was opened by the process that forked this one.
+    /// The publisher or subscriber belongs to the process that forked this one.
     Forked {
         /// The segment's file.
         path: PathBuf,
     },
-    /// There is no such topic.
+    /// The topic does not exist.
     NoTopic {
-        /// The file that is not there.
+        /// The file that does not exist.
         path: PathBuf,
     },
     /// The file is not a segment that this version can use.
     BadSegment {
         /// The segment's file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// What is wrong with the file.
         fault: Fault,
     },
     /// The operating system refused.
     Os {
-        /// What was tried.
+        /// The operation that failed, such as `"open"` or `"map"`.
         action: &'static str,
-        /// On which file.
+        /// The file that it was for.
         path: PathBuf,
-        /// Its answer, with the errno.
+        /// The operating system's error, with its errno.
         source: io::Error,
     },
 }
 
 impl Error {
-    /// The errno behind this error, if the operating system gave one, or would have for what is refused here.
+    /// Returns the errno behind this error.
+    ///
+    /// It is the operating system's own for [`Error::Os`]. For [`Error::ForeignOwner`] and
+    /// [`Error::InvalidTrust`] it is the errno that the operating system would have given. The
+    /// other errors have none.
     pub fn errno(&self) -> Option<i32> {
         match self {
             Error::Os { source, .. } => source.raw_os_error(),
@@ -113,7 +133,7 @@ impl fmt::Display for Error {
             Error::InvalidTopic { name } => {
                 write!(
                     f,
-                    "{name:?} is no topic name; accepted are 1 to 200 of A-Z a-z 0-9 _ . -"
+                    "expected a topic name, 1 to 200 of A-Z a-z 0-9 _ . -, got: {name:?}"
                 )
             }
             Error::InvalidGeometry { reason } => f.write_str(reason),
@@ -122,7 +142,8 @@ impl fmt::Display for Error {
             }
             Error::LegacyInUse { path } => write!(
                 f,
-                "{}: made by a publisher without the extension, and a process may still use it",
+                "{}: made by a publisher without the extension, and a process may still use it; \
+                 end that process, or publish with force",
                 path.display()
             ),
             Error::ForeignOwner { path, user, name } => {
@@ -132,8 +153,8 @@ impl fmt::Display for Error {
                 }
                 write!(
                     f,
-                    ", who is not trusted here: remove the file, publish as that user, or list the user in \
-                     CONDUIT_RING_TRUSTED_UIDS"
+                    ", who is not trusted here: remove the file, publish as that user, or list \
+                     the user in CONDUIT_RING_TRUSTED_UIDS"
                 )
             }
             Error::InvalidTrust { reason } => f.write_str(reason),
@@ -158,22 +179,28 @@ impl fmt::Display for Error {
                 action,
                 path,
                 source,
-            } => write!(f, "{}: {action}: {}", path.display(), words(path, source)),
+            } => write!(
+                f,
+                "{}: {action}: {}",
+                path.display(),
+                reason_of(path, source)
+            ),
         }
     }
 }
 
-/// The answer of the operating system as a person wants to read it.
-fn words(path: &Path, source: &io::Error) -> String {
+/// Returns the operating system's reason for people, without the errno.
+fn reason_of(path: &Path, source: &io::Error) -> String {
     let text = source.to_string();
     if source.kind() == io::ErrorKind::StorageFull {
         let directory = path.parent().unwrap_or(path).display();
         return format!(
-            "no space left in {directory}; remove topics that nobody uses, or mount it with a larger size"
+            "no space left in {directory}; remove topics that are not in use, or mount it with a \
+             larger size"
         );
     }
     match text.split_once(" (os error ") {
-        Some((words, _)) => words.to_lowercase(),
+        Some((reason, _)) => reason.to_lowercase(),
         None => text,
     }
 }
@@ -187,13 +214,14 @@ impl std::error::Error for Error {
     }
 }
 
-/// What is wrong with a file that should be a segment.
+/// What is wrong with a file that has a topic's name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Fault {
-    /// It is a directory, a device or the like.
+    /// The name leads to a directory, a device or the like.
     NotAFile,
-    /// It is shorter than a header, or all zeros: a publisher without the extension may be making it right now.
+    /// The file is shorter than a header, or all zeros. A publisher without the extension may be
+    /// initialising it at this moment.
     NotReady,
     /// Slot count or slot size is outside the limits.
     Geometry,
@@ -201,9 +229,9 @@ pub enum Fault {
     MaxSubscribers,
     /// The file is shorter than its geometry says.
     Truncated,
-    /// It has the extension in a version that is unknown here.
+    /// The version of the extension is unknown to this version of the crate.
     Version,
-    /// Geometry and content tag do not have the checksum that stands beside them.
+    /// The checksum of geometry and content tag is wrong.
     Checksum,
 }
 
@@ -215,51 +243,11 @@ impl fmt::Display for Fault {
             Fault::Geometry => "slot count or slot size is outside the limits",
             Fault::MaxSubscribers => "max_subscribers is not 16",
             Fault::Truncated => "shorter than its slots",
-            Fault::Version => "an unknown version of the extension",
+            Fault::Version => "the version of the extension is unknown",
             Fault::Checksum => "the checksum of its geometry is wrong",
         })
     }
 }
-
-/// Why a message was not published.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum PublishError {
-    /// It does not fit into a slot. It is counted, and nothing was written.
-    TooLarge {
-        /// Its length in bytes.
-        len: usize,
-        /// The longest that fits.
-        max: usize,
-    },
-    /// Subscribers' [`Lease`](crate::Lease)s hold messages in all slots. It was dropped and counted; the next one gets the same
-    /// number.
-    SlotHeld,
-    /// The publisher belongs to the process that forked this one.
-    Forked,
-    /// The topic's name does not lead to this publisher's file any more, and that could not be made anew: see
-    /// [`Publisher::trouble`](crate::Publisher::trouble). Nothing was published; it is tried again.
-    NameLost,
-}
-
-impl fmt::Display for PublishError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            PublishError::TooLarge { len, max } => {
-                write!(f, "the message has {len} bytes and a slot holds {max}")
-            }
-            PublishError::SlotHeld => f.write_str("subscribers hold all slots"),
-            PublishError::Forked => {
-                f.write_str("the publisher belongs to the process that forked this one")
-            }
-            PublishError::NameLost => {
-                f.write_str("the topic's file was removed and could not be made anew")
-            }
-        }
-    }
-}
-
-impl std::error::Error for PublishError {}
 
 #[cfg(test)]
 mod tests {

@@ -50,8 +50,8 @@ impl Geometry {
     pub fn depth(depth: u32, max_message_size: u32) -> Result<Geometry, Error> {
         let invalid = || Error::InvalidGeometry {
             reason: format!(
-                "a depth of {depth} messages of {max_message_size} bytes was given; accepted are a depth of 1..={} and a \
-                 size of 1..={} bytes",
+                "expected a depth of 1..={} and messages of 1..={} bytes, got: a depth of {depth} \
+                 and messages of {max_message_size} bytes",
                 Self::MAX_SLOT_COUNT,
                 Self::MAX_SLOT_SIZE - SLOT_HEADER_LEN as u32
             ),
@@ -79,7 +79,8 @@ impl Geometry {
             && isize::try_from(geometry.segment_len()).is_ok();
         accepted.then_some(geometry).ok_or_else(|| Error::InvalidGeometry {
             reason: format!(
-                "{slot_count} slots of {slot_size} bytes were given; accepted are a power of two up to {} and {}..={} bytes",
+                "expected a power of two up to {} of slots of {}..={} bytes, got: {slot_count} slots \
+                 of {slot_size} bytes",
                 Self::MAX_SLOT_COUNT,
                 Self::MIN_SLOT_SIZE,
                 Self::MAX_SLOT_SIZE

@@ -22,7 +22,7 @@ use crate::layout::{
     At32, At64, FUTEX_WORD, ReaderSlot, SLOT_HEADER_LEN, SUBSCRIBER_MASK, WAITING_MASK,
 };
 use crate::os::{Access, Mapping, Segment, is_missing_page};
-use crate::reader::{Source, SourceSlot};
+use crate::source::{Source, SourceSlot};
 use crate::sync::{Ordering, fence};
 use crate::topic::Topic;
 use crate::wait::LONGEST_SLEEP;

@@ -79,25 +79,35 @@ impl Header {
         })
     }
 
-    /// The first bytes of a new segment, in state live and still without the magic.
-    pub(crate) fn encode(
-        geometry: Geometry,
-        content: ContentTag,
-        instance_id: u64,
-    ) -> [u8; FIXED_LEN] {
+    /// Writes the first bytes of a new segment, in the state live and still without the magic.
+    pub(crate) fn encode(&self) -> [u8; FIXED_LEN] {
         let mut bytes = [0; FIXED_LEN];
+        let geometry = self.geometry;
         let version = u32::from(VERSION_MAJOR) | u32::from(VERSION_MINOR) << 16;
         put_word(&mut bytes, SLOT_COUNT.offset(), geometry.slot_count());
         put_word(&mut bytes, SLOT_SIZE.offset(), geometry.slot_size());
         put_word(&mut bytes, MAX_SUBSCRIBERS.offset(), READERS);
         put_word(&mut bytes, VERSION.offset(), version);
         put_word(&mut bytes, STATE.offset(), STATE_LIVE);
-        put_long(&mut bytes, INSTANCE_ID.offset(), instance_id);
-        put_long(&mut bytes, CONTENT_TAG.offset(), content.value());
+        put_long(&mut bytes, INSTANCE_ID.offset(), self.instance_id());
+        put_long(&mut bytes, CONTENT_TAG.offset(), self.content.value());
         put_word(&mut bytes, MESSAGE_LIMIT.offset(), message_limit(&geometry));
         let sum = checksum(&bytes);
         put_word(&mut bytes, CHECKSUM.offset(), sum);
         bytes
+    }
+
+    /// Returns the random number of the sequence of messages; 0 without the extension.
+    pub(crate) fn instance_id(&self) -> u64 {
+        match self.origin {
+            Origin::Native { instance_id } => instance_id,
+            Origin::Legacy => 0,
+        }
+    }
+
+    /// Returns whether the segment has the extension.
+    pub(crate) fn is_native(&self) -> bool {
+        self.origin != Origin::Legacy
     }
 }
 
@@ -137,8 +147,16 @@ fn put_long(bytes: &mut [u8; FIXED_LEN], at: usize, value: u64) {
 mod tests {
     use super::*;
 
+    fn header(geometry: Geometry, content: ContentTag) -> Header {
+        Header {
+            geometry,
+            content,
+            origin: Origin::Native { instance_id: 7 },
+        }
+    }
+
     fn encoded() -> [u8; FIXED_LEN] {
-        let mut bytes = Header::encode(Geometry::default(), ContentTag::of("x"), 7);
+        let mut bytes = header(Geometry::default(), ContentTag::of("x")).encode();
         put_word(&mut bytes, MAGIC.offset(), EXT_MAGIC);
         bytes
     }
@@ -149,18 +167,14 @@ mod tests {
 
     #[test]
     fn a_header_decodes_to_what_was_encoded() {
-        let expected = Header {
-            geometry: Geometry::default(),
-            content: ContentTag::of("x"),
-            origin: Origin::Native { instance_id: 7 },
-        };
+        let expected = header(Geometry::default(), ContentTag::of("x"));
         assert_eq!(Header::decode(&encoded(), len()), Ok(expected));
     }
 
     #[test]
     fn the_size_as_given_is_kept_beside_the_rounded_one() {
         let given = Geometry::slots(4, 4100).unwrap();
-        let mut bytes = Header::encode(given, ContentTag::RAW, 7);
+        let mut bytes = header(given, ContentTag::RAW).encode();
         put_word(&mut bytes, MAGIC.offset(), EXT_MAGIC);
         let read = |bytes: &[u8; FIXED_LEN]| Header::decode(bytes, given.segment_len()).unwrap();
         assert_eq!(read(&bytes).geometry, given);
@@ -172,7 +186,7 @@ mod tests {
 
     #[test]
     fn without_the_magic_it_is_a_legacy_header() {
-        let bytes = Header::encode(Geometry::default(), ContentTag::of("x"), 7);
+        let bytes = header(Geometry::default(), ContentTag::of("x")).encode();
         let header = Header::decode(&bytes, len()).unwrap();
         assert_eq!(
             (header.origin, header.content),

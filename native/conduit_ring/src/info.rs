@@ -14,7 +14,7 @@ use crate::layout::{
 };
 use crate::os::{Access, Segment};
 use crate::pins;
-use crate::reader::{self, Source};
+use crate::source::{self, Source};
 use crate::sync::Ordering::{Acquire, Relaxed};
 use crate::topic::Topic;
 
@@ -125,13 +125,10 @@ impl Info {
             topic: topic.clone(),
             geometry: header.geometry,
             state: state(header, source.load32(STATE, Acquire), alive),
-            published: reader::published(source),
+            published: source::published(source),
             content: header.content,
             epoch: source.load32(WRITER_EPOCH, Relaxed),
-            instance_id: match header.origin {
-                Origin::Native { instance_id } => instance_id,
-                Origin::Legacy => 0,
-            },
+            instance_id: header.instance_id(),
             writer_pid: source.load32(WRITER_PID, Relaxed),
             last_publish_ns: source.load(LAST_PUBLISH, Relaxed),
             realtime_offset_ns: source.load(REALTIME_OFFSET, Relaxed) as i64,

@@ -4,10 +4,10 @@ use std::fmt;
 use std::path::PathBuf;
 
 use crate::copy;
+use crate::delivery::Meta;
 use crate::error::Error;
 use crate::layout::SLOT_HEADER_LEN;
 use crate::os::Mapping;
-use crate::reader::Meta;
 use crate::registration::Ticket;
 
 /// A message that stays what it is until the lease is dropped: not copied, but held in its slot.

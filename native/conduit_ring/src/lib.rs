@@ -86,12 +86,15 @@ compile_error!("the ring's bytes are little-endian");
 compile_error!("the ring needs Linux: futexes and open-file-description locks");
 
 mod claim;
+mod delivery;
 mod geometry;
 mod layout;
 #[cfg_attr(loom, path = "memory_model.rs")]
 mod memory;
 mod pins;
 mod reader;
+mod sink;
+mod source;
 mod sync;
 mod wait;
 mod writer;
@@ -129,19 +132,28 @@ mod loan;
 #[cfg(not(loom))]
 mod observer;
 #[cfg(not(loom))]
+mod options;
+#[cfg(not(loom))]
 mod os;
 #[cfg(not(loom))]
 mod owner;
 #[cfg(not(loom))]
 mod processes;
 #[cfg(not(loom))]
+mod publication;
+mod publish_error;
+#[cfg(not(loom))]
 mod publisher;
 #[cfg(not(loom))]
 mod registration;
 #[cfg(not(loom))]
+mod renew;
+#[cfg(not(loom))]
 pub mod repair;
 #[cfg(not(loom))]
 mod subscriber;
+#[cfg(not(loom))]
+mod takeover;
 #[cfg(not(loom))]
 pub mod trust;
 #[cfg(not(loom))]
@@ -150,9 +162,10 @@ pub mod upkeep;
 mod waker;
 
 pub use content::ContentTag;
-pub use error::{Error, Fault, PublishError};
+pub use delivery::{Meta, Policy, Start};
+pub use error::{Error, Fault};
 pub use geometry::Geometry;
-pub use reader::{Meta, Policy, Start};
+pub use publish_error::PublishError;
 pub use topic::Topic;
 
 #[cfg(not(loom))]
@@ -163,10 +176,11 @@ pub use {
     lease::Lease,
     listing::Listing,
     loan::{Loan, SuspendedLoan},
-    observer::{Observer, ObserverOptions},
+    observer::Observer,
+    options::{ObserverOptions, PublisherOptions, SubscriberOptions},
     owner::Owner,
     processes::{Nameless, nameless_publishers},
-    publisher::{Publisher, PublisherOptions},
-    subscriber::{Read, Received, Stats, Subscriber, SubscriberOptions, Wait},
+    publisher::Publisher,
+    subscriber::{Read, Received, Stats, Subscriber, Wait},
     waker::Waker,
 };

@@ -6,15 +6,21 @@ use std::sync::Arc;
 
 use crate::copy;
 use crate::memory::Memory;
-use crate::publisher::Publisher;
+use crate::publication::Publication;
 
-/// A slot that is being filled: see [`Publisher::loan`]. [`Loan::commit`] publishes it; dropped without that, nothing was
-/// published, and the next message takes the same slot and number.
+/// A slot that is being filled: see [`Publisher::loan`](crate::Publisher::loan).
 ///
-/// The slot has the bytes of older messages until they are overwritten: a message that is committed with gaps shows them.
+/// [`Loan::commit`] publishes the message. A loan that is dropped publishes nothing, and the next
+/// message takes the same slot and number.
 ///
-/// The memory is shared, so that it is written through [`Loan::write_at`], [`io::Write`] (one part after another) or a raw
-/// pointer, and never lent as a slice: readers may be copying from it at the same time (what they copy they reject).
+/// Until they are overwritten, the slot has the bytes of older messages. A message that is
+/// committed with gaps shows them.
+///
+/// # Why there is no slice
+///
+/// Readers may be copying from the slot while it is written; what they copy they reject. Rust
+/// allows no `&mut [u8]` over such memory. So the slot is written through [`Loan::write_at`],
+/// through [`io::Write`] (one part after another) or through a raw pointer.
 ///
 /// ```
 /// use std::io::Write;
@@ -29,37 +35,37 @@ use crate::publisher::Publisher;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct Loan<'a> {
-    publisher: &'a mut Publisher,
+    publication: &'a mut Publication,
     len: usize,
-    /// Where [`io::Write`] goes on.
+    /// Where [`io::Write`] continues.
     at: usize,
 }
 
 impl<'a> Loan<'a> {
-    pub(crate) fn new(publisher: &'a mut Publisher, len: usize) -> Loan<'a> {
+    pub(crate) fn new(publication: &'a mut Publication, len: usize) -> Loan<'a> {
         Loan {
-            publisher,
+            publication,
             len,
             at: 0,
         }
     }
 
-    /// Length of the message in bytes.
+    /// Returns the length of the message in bytes.
     pub fn len(&self) -> usize {
         self.len
     }
 
-    /// Whether the message has no bytes.
+    /// Returns whether the message has no bytes.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
 
-    /// The number that the message will have.
+    /// Returns the sequence number that the message will have.
     pub fn sequence(&self) -> u64 {
-        self.publisher.next_sequence()
+        self.publication.next_sequence()
     }
 
-    /// Makes the message shorter, if it turned out so. Longer it does not get.
+    /// Shortens the message to `len` bytes. It never makes the message longer.
     pub fn truncate(&mut self, len: usize) {
         self.len = self.len.min(len);
     }
@@ -67,35 +73,41 @@ impl<'a> Loan<'a> {
     /// Copies `part` to the bytes from `at` on.
     ///
     /// # Panics
-    /// When the message has not that many.
+    /// Panics if the message ends before `at + part.len()`.
     pub fn write_at(&mut self, at: usize, part: &[u8]) {
         assert!(
             at <= self.len && part.len() <= self.len - at,
-            "{} bytes from {at} on of a message of {}",
-            part.len(),
-            self.len
+            "expected a part inside the message of {} bytes, got: {} bytes from {at} on",
+            self.len,
+            part.len()
         );
         let to = self.as_mut_ptr().wrapping_add(at);
-        // SAFETY: the slot has these bytes by the assertion, the source is a slice of this process's own.
+        // SAFETY: the slot has these bytes by the assertion, the source is a slice of this
+        // process's own.
         unsafe { copy::into_shared(part.as_ptr(), to, part.len()) };
     }
 
-    /// Where the message is written to: [`Loan::len`] bytes, writable until the loan is committed or dropped. Of any
-    /// alignment. For code that takes a pointer (a driver's `read`, C): do not make a `&mut [u8]` of it, since other
-    /// processes may read these bytes, and in bad faith write them, at any time.
+    /// Returns the address of the message: [`Loan::len`] bytes of any alignment, writable until
+    /// the loan is committed or dropped.
+    ///
+    /// For code that takes a pointer, such as a driver's `read` or C. Do not make a `&mut [u8]`
+    /// of it: other processes may read these bytes, and in bad faith write them, at any time.
     pub fn as_mut_ptr(&mut self) -> *mut u8 {
-        self.publisher.lent_payload()
+        self.publication.payload()
     }
 
-    /// Publishes the message and returns its sequence number. In a child of the process that borrowed it, nothing.
+    /// Publishes the message and returns its sequence number.
+    ///
+    /// In a child of the process that borrowed the slot, it publishes nothing.
     pub fn commit(self) -> u64 {
-        self.publisher.commit(self.len)
+        self.publication.commit(self.len)
     }
 
-    /// The loan without its borrow of the publisher, for those who cannot keep one: other languages.
+    /// Returns the loan without its borrow of the publisher, for code that cannot keep a borrow,
+    /// such as bindings of other languages. [`SuspendedLoan::resume`] takes it up again.
     pub fn suspend(self) -> SuspendedLoan {
         SuspendedLoan {
-            memory: self.publisher.shared_memory().clone(),
+            memory: self.publication.shared_memory().clone(),
             sequence: self.sequence(),
             len: self.len,
         }
@@ -103,6 +115,19 @@ impl<'a> Loan<'a> {
 }
 
 /// A loan to be taken up again: see [`Loan::suspend`].
+///
+/// ```
+/// use conduit_ring::{Publisher, PublisherOptions, Topic};
+///
+/// # let name = format!("doc-suspended-{}", std::process::id());
+/// let mut publisher = Publisher::open(&Topic::new(&name)?, &PublisherOptions::default())?;
+/// let suspended = publisher.loan(4)?.suspend();
+/// let mut loan = suspended.resume(&mut publisher).expect("nothing was published meanwhile");
+/// loan.write_at(0, b"late");
+/// assert_eq!(loan.commit(), 0);
+/// assert!(suspended.resume(&mut publisher).is_none());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct SuspendedLoan {
     memory: Arc<Memory>,
     sequence: u64,
@@ -110,30 +135,32 @@ pub struct SuspendedLoan {
 }
 
 impl SuspendedLoan {
-    /// The loan as it was. `None` when the publisher has published meanwhile, or is not the one that lent.
-    pub fn resume<'a>(&self, publisher: &'a mut Publisher) -> Option<Loan<'a>> {
-        let is_same = Arc::ptr_eq(&self.memory, publisher.shared_memory())
-            && self.sequence == publisher.next_sequence();
-        is_same.then(|| Loan::new(publisher, self.len))
+    /// As `SuspendedLoan::resume`, for the private half of a publisher.
+    pub(crate) fn resume_on<'a>(&self, publication: &'a mut Publication) -> Option<Loan<'a>> {
+        let is_same = Arc::ptr_eq(&self.memory, publication.shared_memory())
+            && self.sequence == publication.next_sequence();
+        is_same.then(|| Loan::new(publication, self.len))
     }
 
-    /// As [`Loan::as_mut_ptr`]. The memory is there as long as this is, also when the publisher is not any more; but once it
-    /// has published or lent anew, whoever still writes there damages messages.
+    /// Returns the address of the message, as [`Loan::as_mut_ptr`] does.
+    ///
+    /// The memory stays mapped as long as this value lives, even when the publisher does not. But
+    /// once the publisher has published or lent again, a write there damages messages.
     pub fn as_mut_ptr(&self) -> *mut u8 {
         self.memory.slot(self.sequence).payload()
     }
 
-    /// The number that the message will have.
+    /// Returns the sequence number that the message will have.
     pub fn sequence(&self) -> u64 {
         self.sequence
     }
 
-    /// Length of the message in bytes.
+    /// Returns the length of the message in bytes.
     pub fn len(&self) -> usize {
         self.len
     }
 
-    /// Whether the message has no bytes.
+    /// Returns whether the message has no bytes.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
@@ -149,7 +176,7 @@ impl fmt::Debug for SuspendedLoan {
 }
 
 impl io::Write for Loan<'_> {
-    /// Writes as much as there is room for, behind what was written so before.
+    /// Writes as much as there is room for, behind the bytes that earlier calls wrote.
     fn write(&mut self, part: &[u8]) -> io::Result<usize> {
         let at = self.at.min(self.len);
         let fits = part.len().min(self.len - at);

@@ -42,6 +42,7 @@ use loom::sync::Arc;
 use loom::thread;
 
 use crate::claim::{Claim, Claimant, ReaderSlotLocks, prepare, reclaim_leaked, reclaim_pins};
+use crate::delivery::{Meta, Policy};
 use crate::geometry::Geometry;
 use crate::layout::{
     DROPPED_PINNED, FUTEX_WORD, NATIVE_MASK, PIN_MASK, ReaderSlot, SLOT_LEN, SLOT_SEQ_HI,
@@ -49,7 +50,8 @@ use crate::layout::{
 };
 use crate::memory::Memory;
 use crate::pins::{self, Announced};
-use crate::reader::{Dialect, Meta, Policy, Reader, Sink};
+use crate::reader::{Dialect, Reader};
+use crate::sink::Sink;
 use crate::sync::{AtomicU32, Ordering, fence};
 use crate::wait;
 use crate::writer::{Writer, notify};

@@ -7,38 +7,12 @@ use crate::attachment::{Incarnation, Part};
 use crate::content::ContentTag;
 use crate::error::Error;
 use crate::geometry::Geometry;
-use crate::guarded::Guard;
-use crate::reader::{Policy, Start};
-use crate::subscriber::{Read, Stats, Subscriber, SubscriberOptions, Wait};
+use crate::options::{ObserverOptions, SubscriberOptions};
+use crate::subscriber::{Read, Stats, Subscriber, Wait};
 use crate::topic::Topic;
 
 /// The sleep after a message; it doubles until the next one, or until the longest.
 const SHORTEST_NAP: Duration = Duration::from_micros(100);
-
-/// How a topic is watched.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ObserverOptions {
-    /// Which messages to begin with, if the topic exists. One that does not yet is watched from its first message.
-    pub start: Start,
-    /// Which messages to get after falling behind.
-    pub policy: Policy,
-    /// As [`SubscriberOptions::guard`].
-    pub guard: Guard,
-    /// The longest time that a message can be there unseen while nobody else waits for it; see [`Observer`].
-    pub longest_nap: Duration,
-}
-
-impl Default for ObserverOptions {
-    /// From now on, every message, seen within 4 ms.
-    fn default() -> Self {
-        ObserverOptions {
-            start: Start::default(),
-            policy: Policy::default(),
-            guard: Guard::default(),
-            longest_nap: Duration::from_millis(4),
-        }
-    }
-}
 
 /// Reads a topic as a [`Subscriber`](crate::Subscriber) does, with the same validation and across deaths of publishers,
 /// but without a trace: through a read-only mapping, without a reader slot. There may be any number of observers, they

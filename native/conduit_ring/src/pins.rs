@@ -22,7 +22,7 @@
 
 use crate::layout::{At64, PIN_MASK, ReaderSlot};
 use crate::memory::Memory;
-use crate::reader;
+use crate::source;
 use crate::sync::{Ordering, fence};
 
 /// What a reader knows once its bit of `pin_mask` is set.
@@ -48,7 +48,7 @@ pub(crate) fn announce(memory: &Memory, reader_slot: ReaderSlot) -> Announced {
         .fetch_or(reader_slot.bit(), Ordering::Release);
     fence(Ordering::SeqCst);
     Announced {
-        unseen: reader::published(memory),
+        unseen: source::published(memory),
     }
 }
 
@@ -106,7 +106,7 @@ fn holds_slot(memory: &Memory, reader_slot: ReaderSlot, sequence: u64) -> bool {
 
 /// The messages that the reader of this reader slot holds, the oldest first, for people to read.
 #[cfg(not(loom))]
-pub(crate) fn held(source: &impl reader::Source, reader_slot: ReaderSlot) -> Vec<u64> {
+pub(crate) fn held(source: &impl source::Source, reader_slot: ReaderSlot) -> Vec<u64> {
     if source.load32(PIN_MASK, Ordering::Relaxed) & reader_slot.bit() == 0 {
         return Vec::new();
     }

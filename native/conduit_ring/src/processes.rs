@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use crate::claim;
 use crate::layout::ReaderSlot;
 use crate::os::{self, FileId, Segment};
-use crate::reader::Source;
+use crate::source::Source;
 use crate::sync::Ordering::Relaxed;
 use crate::topic::{PREFIX, Topic, directory};
 

@@ -3,49 +3,16 @@
 //! The cursor and the geometry are private. A message is copied first and validated afterwards: if the writer may have
 //! begun to overwrite the slot by the end of the copy, the copy is dropped. The orders are told in `writer.rs`.
 
-use crate::geometry::Geometry;
+use crate::delivery::{Meta, Policy, Start};
 use crate::layout::{
-    At32, At64, NO_MESSAGE, SLOT_LEN, SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO,
-    WRITE_IDX, WRITE_INTENT,
+    At64, NO_MESSAGE, SLOT_LEN, SLOT_SEQ_HI, SLOT_SEQ_LO, SLOT_TIME_HI, SLOT_TIME_LO, WRITE_IDX,
+    WRITE_INTENT,
 };
-use crate::memory::{Memory, Slot};
+use crate::memory::Memory;
 use crate::pins;
+use crate::sink::Sink;
+use crate::source::{Source, SourceSlot, published};
 use crate::sync::{Ordering, fence};
-
-/// Which messages a subscriber begins with.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Start {
-    /// Those published from now on.
-    #[default]
-    New,
-    /// The newest one that is there, then new ones.
-    Latest,
-    /// The last `k` that are still there, then new ones.
-    History(u32),
-}
-
-/// Which messages a subscriber that has fallen behind gets.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Policy {
-    /// Every one that is still there, in order.
-    #[default]
-    All,
-    /// Only the newest; those skipped count as lost.
-    Latest,
-}
-
-/// What a message says about itself.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Meta {
-    /// Its sequence number: messages of a segment count from 0.
-    pub sequence: u64,
-    /// When it was published, on the clock of [`clock::now_ns`](crate::clock::now_ns).
-    pub timestamp_ns: u64,
-    /// Its length in bytes.
-    pub len: usize,
-    /// Messages that were lost between the one delivered before it and this one.
-    pub lost: u64,
-}
 
 /// How a writer shows that it is overwriting a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,79 +21,6 @@ pub(crate) enum Dialect {
     Native,
     /// By nothing but `write_idx`; a full barrier separates its messages.
     Legacy,
-}
-
-/// Where a message is copied to.
-///
-/// # Safety
-/// `room` returns a pointer that is valid for writes of `len` bytes until it is called again.
-pub(crate) unsafe trait Sink {
-    /// Room for a message of `len` bytes.
-    fn room(&mut self, len: usize) -> *mut u8;
-}
-
-/// Where a segment is read: in a mapping, or by other means.
-pub(crate) trait Source {
-    type Slot<'a>: SourceSlot
-    where
-        Self: 'a;
-
-    fn geometry(&self) -> Geometry;
-    /// Relaxed or Acquire.
-    fn load(&self, at: At64, order: Ordering) -> u64;
-    /// Relaxed or Acquire.
-    fn load32(&self, at: At32, order: Ordering) -> u32;
-    /// The slot of a message.
-    fn slot(&self, sequence: u64) -> Self::Slot<'_>;
-}
-
-/// A slot of a [`Source`].
-pub(crate) trait SourceSlot {
-    /// A word of the slot's header, relaxed.
-    fn load(&self, word: usize) -> u32;
-
-    /// Copies the first `len` bytes of the payload to `to`.
-    ///
-    /// # Safety
-    /// `to` is valid for writes of `len` bytes.
-    unsafe fn read_payload(&self, to: *mut u8, len: usize);
-}
-
-impl Source for Memory {
-    type Slot<'a> = Slot<'a>;
-
-    #[inline]
-    fn geometry(&self) -> Geometry {
-        Memory::geometry(self)
-    }
-
-    #[inline]
-    fn load(&self, at: At64, order: Ordering) -> u64 {
-        self.u64(at).load(order)
-    }
-
-    #[inline]
-    fn load32(&self, at: At32, order: Ordering) -> u32 {
-        self.u32(at).load(order)
-    }
-
-    #[inline]
-    fn slot(&self, sequence: u64) -> Slot<'_> {
-        Memory::slot(self, sequence)
-    }
-}
-
-impl SourceSlot for Slot<'_> {
-    #[inline]
-    fn load(&self, word: usize) -> u32 {
-        Slot::load(self, word)
-    }
-
-    #[inline]
-    unsafe fn read_payload(&self, to: *mut u8, len: usize) {
-        // SAFETY: the caller's promise is the same.
-        unsafe { Slot::read_payload(self, to, len) };
-    }
 }
 
 /// A private cursor over a segment.
@@ -327,13 +221,6 @@ impl Reader {
             }
         }
     }
-}
-
-/// Messages published so far.
-#[inline]
-pub(crate) fn published(source: &impl Source) -> u64 {
-    // Acquire: meets the Release in Writer::advance.
-    source.load(WRITE_IDX, Ordering::Acquire)
 }
 
 /// How far behind a reader may be and still find its message whole.

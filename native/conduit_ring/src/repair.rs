@@ -3,7 +3,6 @@
 
 use crate::attach;
 use crate::claim;
-use crate::create;
 use crate::error::{Error, Fault};
 use crate::header::{FIXED_LEN, Header, Origin};
 use crate::info::Info;
@@ -11,6 +10,7 @@ use crate::layout::{EXT_MAGIC, HEADER_LEN, MAGIC, PUBLISHER_LOCK, ReaderSlot, SU
 use crate::memory::Memory;
 use crate::os::{Access, Name, Segment};
 use crate::sync::Ordering::Release;
+use crate::takeover;
 use crate::topic::Topic;
 use crate::trust;
 
@@ -56,7 +56,7 @@ pub fn is_left_by_legacy_publisher(topic: &Topic) -> Result<bool, Error> {
         path: topic.path().to_owned(),
     })?;
     let header = attach::sound_header(topic, &segment)?;
-    Ok(header.origin == Origin::Legacy && create::is_left_by_legacy(topic, header)?)
+    Ok(header.origin == Origin::Legacy && takeover::is_left_by_legacy(topic, header)?)
 }
 
 /// Removes the file of a topic whose publisher is dead and that no process has open. A damaged one goes too if it shows
@@ -159,7 +159,12 @@ mod tests {
     use crate::geometry::Geometry;
 
     fn head() -> [u8; HEADER_LEN] {
-        let fixed = Header::encode(Geometry::default(), ContentTag::RAW, 7);
+        let fixed = Header {
+            geometry: Geometry::default(),
+            content: ContentTag::RAW,
+            origin: Origin::Native { instance_id: 7 },
+        }
+        .encode();
         let mut head = [0; HEADER_LEN];
         head[..FIXED_LEN].copy_from_slice(&fixed);
         head[MAGIC.offset()..MAGIC.offset() + 4].copy_from_slice(&EXT_MAGIC.to_le_bytes());

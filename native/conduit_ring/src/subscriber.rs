@@ -5,13 +5,15 @@ use std::time::{Duration, Instant};
 
 use crate::attachment::{Attachment, Beginning, Incarnation, Life, Part, Past};
 use crate::content::ContentTag;
+use crate::delivery::{Meta, Policy};
 use crate::error::Error;
 use crate::geometry::Geometry;
 use crate::guarded::Guard;
 use crate::lease::Lease;
+use crate::options::SubscriberOptions;
 use crate::os::{self, Watch};
 use crate::owner::Owner;
-use crate::reader::{Meta, Policy, Sink, Start};
+use crate::sink::{IntoNew, IntoVec};
 use crate::topic::{Topic, directory};
 use crate::wait::LONGEST_SLEEP;
 use crate::waker::Waker;
@@ -22,17 +24,6 @@ const UNWATCHED_SLEEP: Duration = Duration::from_millis(50);
 /// Between two looks at a topic on which there is no word to sleep on, from after a message on.
 const SHORTEST_NAP: Duration = Duration::from_millis(1);
 const LONGEST_NAP: Duration = Duration::from_millis(4);
-
-/// How a topic is read.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct SubscriberOptions {
-    /// Which messages to begin with, if the topic exists. One that does not yet is read from its first message.
-    pub start: Start,
-    /// Which messages to get after falling behind.
-    pub policy: Policy,
-    /// Whether the file may be cut off by those who can write it without harm to this process.
-    pub guard: Guard,
-}
 
 /// What a look at a topic gave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -167,13 +158,12 @@ impl Subscriber {
     /// When the topic is to be attached to again: as [`Subscriber::open`]. The next call tries again.
     #[inline]
     pub fn try_read(&mut self, buffer: &mut Vec<u8>) -> Result<Read, Error> {
-        buffer.clear();
-        let mut sink = IntoVec { buffer };
+        let mut sink = IntoVec::new(buffer);
         Ok(
             match self.step(|it, topic, policy| it.next(topic, policy, &mut sink))? {
                 Step::Message(meta) => {
-                    // SAFETY: the sink reserved room for `len` bytes, and all of them were copied there.
-                    unsafe { buffer.set_len(meta.len) };
+                    // SAFETY: the sink gave room for `len` bytes, and all of them were copied there.
+                    unsafe { sink.finish(meta.len) };
                     Read::Message(meta)
                 }
                 Step::Change(Change::Up) => Read::PublisherUp,
@@ -196,12 +186,9 @@ impl Subscriber {
         &mut self,
         alloc: impl FnMut(usize) -> B,
     ) -> Result<Received<B>, Error> {
-        let mut sink = IntoNew {
-            alloc,
-            buffer: None,
-        };
+        let mut sink = IntoNew::new(alloc);
         let step = self.step(|it, topic, policy| it.next(topic, policy, &mut sink))?;
-        Ok(match (step, sink.buffer) {
+        Ok(match (step, sink.into_buffer()) {
             (Step::Message(meta), Some(buffer)) => Received::Message(meta, buffer),
             (Step::Change(Change::Up), _) => Received::PublisherUp,
             (Step::Change(Change::Down), _) => Received::PublisherDown,
@@ -522,41 +509,11 @@ impl fmt::Debug for Subscriber {
     }
 }
 
-struct IntoVec<'a> {
-    buffer: &'a mut Vec<u8>,
-}
-
-// SAFETY: a vector has as much room as was reserved, until it is touched again.
-unsafe impl Sink for IntoVec<'_> {
-    #[inline]
-    fn room(&mut self, len: usize) -> *mut u8 {
-        self.buffer.reserve(len);
-        self.buffer.as_mut_ptr()
-    }
-}
-
-struct IntoNew<B, F> {
-    alloc: F,
-    buffer: Option<B>,
-}
-
-// SAFETY: the slice is of the length that was asked for, and its owner stays in place until the next call.
-unsafe impl<B: AsMut<[u8]>, F: FnMut(usize) -> B> Sink for IntoNew<B, F> {
-    fn room(&mut self, len: usize) -> *mut u8 {
-        let room = self.buffer.insert((self.alloc)(len)).as_mut();
-        assert_eq!(
-            room.len(),
-            len,
-            "the buffer must be as long as was asked for"
-        );
-        room.as_mut_ptr()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::publisher::{Publisher, PublisherOptions};
+    use crate::options::PublisherOptions;
+    use crate::publisher::Publisher;
 
     /// What happens between a look for messages that finds none and a look at the publisher.
     #[test]

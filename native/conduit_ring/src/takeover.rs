@@ -1,0 +1,274 @@
+//! How a publisher gets the segment of its topic, whatever has the topic's name.
+//!
+//! ```text
+//!                        open the file of the topic's name
+//!         ┌────────────────────┬─────────┴──────────┬──────────────────────┐
+//!      no file           lock refused          lock taken            owner not trusted
+//!         │                    │                    │                      │
+//!         │             PublisherAlive    ┌─────────┼───────────┐     ForeignOwner,
+//!         │                             ours      legacy   not a ring  unless forced
+//!         │                    ┌──────────┤         │           │
+//!         │              same geometry,  else       │           │
+//!         │              content; live    │         └─────┬─────┘
+//!         │                    │          │            in use? ──yes──► LegacyInUse or
+//!         │                    │        retire,           │no or forced BadSegment
+//!         │                    │        unlink          unlink
+//!         ▼                    ▼          │               │
+//!      create ◄──────────── take over ◄── │ ──────────────┘
+//!      at number 0          in place      ▼
+//!                           at write_idx  create at number 0
+//! ```
+//!
+//! The lock decides, never a time or a process number. A lock that was taken on a file that lost
+//! the name meanwhile is worth nothing: then all begins again.
+
+use crate::attach::{self, Attached};
+use crate::create::{create, lock_publisher, write_identity};
+use crate::error::Error;
+use crate::guarded::Guarded;
+use crate::header::{self, Header, Origin};
+use crate::layout::{MESSAGE_LIMIT, STATE, STATE_LIVE, STATE_RETIRED, WRITER_EPOCH};
+use crate::options::PublisherOptions;
+use crate::os::{Access, Name, Segment};
+use crate::processes;
+use crate::sync::Ordering::{Acquire, Relaxed, Release};
+use crate::topic::Topic;
+use crate::trust;
+use crate::writer;
+
+/// How often to begin again when others make and remove the same name at the same time.
+pub(crate) const ATTEMPTS: u32 = 64;
+
+/// Gets the topic's segment with its publisher lock held.
+pub(crate) fn acquire(topic: &Topic, options: &PublisherOptions) -> Result<Attached, Error> {
+    for _ in 0..ATTEMPTS {
+        let opened = attach::open_file(topic, Access::Write);
+        let attempt = match opened.map_err(|error| trust::explain(topic, error))? {
+            None => create(topic, options)?,
+            Some(found) => take_over_or_replace(topic, options, found)?,
+        };
+        if let Some(attached) = attempt {
+            return Ok(attached);
+        }
+    }
+    Err(Error::PublisherAlive {
+        path: topic.path().to_owned(),
+        pid: 0,
+    })
+}
+
+/// Takes over the segment that has the topic's name, or replaces it. Returns `None` when the name
+/// led to another file by the time the lock was taken.
+fn take_over_or_replace(
+    topic: &Topic,
+    options: &PublisherOptions,
+    found: Segment,
+) -> Result<Option<Attached>, Error> {
+    if !options.force {
+        trust::require(topic, &found)?;
+    }
+    if !lock_named(topic, &found)? {
+        return Ok(None);
+    }
+    if let Err(refusal) = trust::require(topic, &found) {
+        remove_unused(topic, &found, options.force, refusal)?;
+        return create(topic, options);
+    }
+    match attach::read_header(topic, &found)? {
+        Ok(header) if header.origin != Origin::Legacy => {
+            take_over_or_retire(topic, options, found, header)
+        }
+        Ok(header) => {
+            remove_legacy(topic, &found, header, options.force)?;
+            create(topic, options)
+        }
+        Err(fault) => {
+            let refusal = attach::bad(topic, fault);
+            remove_unused(topic, &found, options.force, refusal)?;
+            create(topic, options)
+        }
+    }
+}
+
+fn take_over_or_retire(
+    topic: &Topic,
+    options: &PublisherOptions,
+    found: Segment,
+    header: Header,
+) -> Result<Option<Attached>, Error> {
+    let same = header.geometry.has_slots_of(&options.geometry) && header.content == options.content;
+    if same {
+        found
+            .allocate(header.geometry.segment_len())
+            .map_err(Error::os("allocate", topic.path()))?;
+    }
+    let mut attached = attach::map(topic, found, header, Access::Write, same)?;
+    // Acquire: pairs with the Release with which a predecessor closed or retired the segment.
+    if same && attached.memory.u32(STATE).load(Acquire) == STATE_LIVE {
+        attached.header.geometry = options.geometry;
+        take_over(&attached);
+        return Ok(Some(attached));
+    }
+    retire(topic, &attached)?;
+    create(topic, options)
+}
+
+/// Continues in place, at the same sequence number. Sleepers are woken in case the predecessor
+/// died before it woke them.
+fn take_over(attached: &Attached) {
+    let memory = &attached.memory;
+    memory
+        .u32(MESSAGE_LIMIT)
+        .store(header::message_limit(&attached.header.geometry), Relaxed);
+    memory.u32(WRITER_EPOCH).fetch_add(1, Relaxed);
+    write_identity(memory);
+    writer::notify_all(memory);
+}
+
+/// Ends a segment whose publisher is dead, and removes its name. Readers attach to the next one.
+pub(crate) fn retire(topic: &Topic, attached: &Attached) -> Result<(), Error> {
+    // Release: pairs with the Acquire in Backing::load32, so that a reader that sees the state
+    // sees all messages.
+    attached.memory.u32(STATE).store(STATE_RETIRED, Release);
+    writer::notify_all(&attached.memory);
+    attached
+        .segment
+        .unlink(topic.path())
+        .map_err(Error::os("unlink", topic.path()))
+}
+
+/// Removes a legacy publisher's file if that publisher is dead: no process has the file mapped,
+/// or only readers of this crate, which follow.
+pub(crate) fn remove_legacy(
+    topic: &Topic,
+    found: &Segment,
+    header: Header,
+    force: bool,
+) -> Result<(), Error> {
+    let refusal = Error::LegacyInUse {
+        path: topic.path().to_owned(),
+    };
+    let removable = force || is_left_by_legacy(topic, header)?;
+    remove_unused(topic, found, removable, refusal)
+}
+
+/// Returns whether no process has a legacy segment mapped as its publisher would, or is about to.
+pub(crate) fn is_left_by_legacy(topic: &Topic, header: Header) -> Result<bool, Error> {
+    let Some(segment) = attach::open_file(topic, Access::Read)? else {
+        return Ok(true);
+    };
+    let looked = Guarded::unmapped(segment, header);
+    let peer = processes::legacy_peer(&looked.segment, &looked, None, None);
+    let left = peer.is_none() && !processes::is_about_to_be_mapped(&looked.segment);
+    looked.check(topic).map(|()| left)
+}
+
+/// Removes a file that is not a native segment, if no process uses it or `force` is set.
+pub(crate) fn remove_unused(
+    topic: &Topic,
+    found: &Segment,
+    force: bool,
+    refusal: Error,
+) -> Result<(), Error> {
+    if !force && !found.is_unused() {
+        return Err(refusal);
+    }
+    found
+        .unlink(topic.path())
+        .map_err(Error::os("unlink", topic.path()))
+}
+
+/// Locks the file that has the topic's name. Returns `false` when the name led to another file by
+/// the time the lock was taken.
+pub(crate) fn lock_named(topic: &Topic, found: &Segment) -> Result<bool, Error> {
+    lock_publisher(topic, found)?;
+    let name = found
+        .name(topic.path())
+        .map_err(Error::os("stat", topic.path()))?;
+    Ok(name == Name::Same)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::{self, File};
+    use std::io;
+    use std::os::unix::fs::FileExt;
+
+    use super::*;
+    use crate::content::ContentTag;
+    use crate::geometry::Geometry;
+    use crate::layout::{EXT_MAGIC, HEADER_LEN, MAGIC};
+    use crate::publisher::Publisher;
+
+    /// A topic whose file is removed afterwards.
+    struct Scratch(Topic);
+
+    impl Scratch {
+        fn new(name: &str) -> Scratch {
+            Scratch(Topic::new(&format!("create-{}-{name}", std::process::id())).unwrap())
+        }
+
+        /// Leaves what a publisher that died leaves.
+        fn leave_dead(&self) -> Segment {
+            let mut publisher = Publisher::open(&self.0, &PublisherOptions::default()).unwrap();
+            publisher.publish(b"last words").unwrap();
+            publisher.abandon();
+            Segment::open(self.0.path(), Access::Write).unwrap()
+        }
+    }
+
+    impl Drop for Scratch {
+        fn drop(&mut self) {
+            let _ = fs::remove_file(self.0.path());
+        }
+    }
+
+    fn epoch(segment: &Segment) -> u32 {
+        let head = segment.head::<HEADER_LEN>().unwrap().unwrap();
+        u32::from_le_bytes(std::array::from_fn(|i| head[WRITER_EPOCH.offset() + i]))
+    }
+
+    #[test]
+    fn a_file_that_lost_its_name_before_it_was_locked_is_not_taken_over() {
+        let scratch = Scratch::new("renamed");
+        for replace in [false, true] {
+            let found = scratch.leave_dead();
+            let copy = Segment::open(scratch.0.path(), Access::Read).unwrap();
+            fs::remove_file(scratch.0.path()).unwrap();
+            if replace {
+                scratch.leave_dead();
+            }
+            let taken =
+                take_over_or_replace(&scratch.0, &PublisherOptions::default(), found).unwrap();
+            assert!(taken.is_none());
+            assert_eq!(epoch(&copy), 0);
+            assert_eq!(scratch.0.path().exists(), replace);
+        }
+    }
+
+    #[test]
+    fn a_takeover_allocates_what_the_file_lacks() {
+        // More than there is: what is not asked for shows only when it is written, by a signal.
+        let geometry = Geometry::slots(1 << 20, 1 << 30).unwrap();
+        let scratch = Scratch::new("sparse");
+        let file = File::create(scratch.0.path()).unwrap();
+        file.set_len(geometry.segment_len()).unwrap();
+        let header = Header {
+            geometry,
+            content: ContentTag::RAW,
+            origin: Origin::Native { instance_id: 7 },
+        };
+        file.write_all_at(&header.encode(), 0).unwrap();
+        file.write_all_at(&EXT_MAGIC.to_le_bytes(), MAGIC.offset() as u64)
+            .unwrap();
+        let options = PublisherOptions {
+            geometry,
+            ..Default::default()
+        };
+        let refused = Publisher::open(&scratch.0, &options).unwrap_err();
+        let kind = refused
+            .errno()
+            .map(|errno| io::Error::from_raw_os_error(errno).kind());
+        assert_eq!(kind, Some(io::ErrorKind::StorageFull), "{refused}");
+    }
+}
