@@ -8,7 +8,7 @@ use crate::delivery::Meta;
 use crate::error::Error;
 use crate::layout::SLOT_HEADER_LEN;
 use crate::os::Mapping;
-use crate::registration::Ticket;
+use crate::registration::Permit;
 
 /// A message that stays what it is until the lease is dropped: not copied, but held in its slot.
 ///
@@ -32,7 +32,7 @@ pub struct Lease {
     meta: Meta,
     place: Place,
     /// `None` of a copy, and once detached.
-    ticket: Option<Ticket>,
+    permit: Option<Permit>,
     path: PathBuf,
 }
 
@@ -50,7 +50,7 @@ enum Place {
 impl Lease {
     pub(crate) fn of_slot(
         meta: Meta,
-        ticket: Ticket,
+        permit: Permit,
         view: Mapping,
         slot_offset: usize,
         path: PathBuf,
@@ -62,7 +62,7 @@ impl Lease {
         Lease {
             meta,
             place,
-            ticket: Some(ticket),
+            permit: Some(permit),
             path,
         }
     }
@@ -71,7 +71,7 @@ impl Lease {
         Lease {
             meta,
             place: Place::Copied(bytes),
-            ticket: None,
+            permit: None,
             path,
         }
     }
@@ -93,7 +93,7 @@ impl Lease {
 
     /// Whether the publisher leaves a slot alone for this lease; not so for a copy, and not once detached.
     pub fn holds_slot(&self) -> bool {
-        self.ticket.is_some()
+        self.permit.is_some()
     }
 
     /// Where the message lies: [`Lease::len`] bytes, readable until the lease is dropped. Of any alignment.
@@ -151,23 +151,23 @@ impl Lease {
             pages: Some(pages),
             at,
         } = &mut self.place
-            && self.ticket.is_some()
+            && self.permit.is_some()
         {
             *at = pages
                 .make_private(*at, self.meta.len)
                 .map_err(Error::os("detach", &self.path))?;
         }
-        self.ticket = None;
+        self.permit = None;
         Ok(())
     }
 }
 
 impl Drop for Lease {
     fn drop(&mut self) {
-        if let (Some(ticket), Place::Mapped { pages, .. }) = (&self.ticket, &mut self.place)
+        if let (Some(permit), Place::Mapped { pages, .. }) = (&self.permit, &mut self.place)
             && let Some(view) = pages.take()
         {
-            ticket.return_view(view);
+            permit.return_view(view);
         }
     }
 }

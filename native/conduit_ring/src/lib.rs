@@ -112,6 +112,8 @@ mod attach;
 #[cfg(not(loom))]
 mod attachment;
 #[cfg(not(loom))]
+mod backing;
+#[cfg(not(loom))]
 pub mod clock;
 #[cfg(not(loom))]
 mod copy;
@@ -126,6 +128,8 @@ mod info;
 #[cfg(not(loom))]
 mod lease;
 #[cfg(not(loom))]
+mod legacy;
+#[cfg(not(loom))]
 mod listing;
 #[cfg(not(loom))]
 mod loan;
@@ -135,6 +139,8 @@ mod observer;
 mod options;
 #[cfg(not(loom))]
 mod os;
+#[cfg(not(loom))]
+mod outcome;
 #[cfg(not(loom))]
 mod owner;
 #[cfg(not(loom))]
@@ -152,6 +158,8 @@ mod renew;
 pub mod repair;
 #[cfg(not(loom))]
 mod subscriber;
+#[cfg(not(loom))]
+mod subscription;
 #[cfg(not(loom))]
 mod takeover;
 #[cfg(not(loom))]
@@ -178,9 +186,10 @@ pub use {
     loan::{Loan, SuspendedLoan},
     observer::Observer,
     options::{ObserverOptions, PublisherOptions, SubscriberOptions},
+    outcome::{Read, Received, Stats, Wait},
     owner::Owner,
     processes::{Nameless, nameless_publishers},
     publisher::Publisher,
-    subscriber::{Read, Received, Stats, Subscriber, Wait},
+    subscriber::Subscriber,
     waker::Waker,
 };

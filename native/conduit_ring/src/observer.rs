@@ -3,12 +3,14 @@
 use std::fmt;
 use std::time::{Duration, Instant};
 
-use crate::attachment::{Incarnation, Part};
+use crate::attachment::Incarnation;
+use crate::backing::Role;
 use crate::content::ContentTag;
 use crate::error::Error;
 use crate::geometry::Geometry;
 use crate::options::{ObserverOptions, SubscriberOptions};
-use crate::subscriber::{Read, Stats, Subscriber, Wait};
+use crate::outcome::{Read, Stats, Wait};
+use crate::subscriber::Subscriber;
 use crate::topic::Topic;
 
 /// The sleep after a message; it doubles until the next one, or until the longest.
@@ -57,7 +59,7 @@ impl Observer {
             guard: options.guard,
         };
         Ok(Observer {
-            subscriber: Subscriber::open_as(Part::Observer, topic, &reading)?,
+            subscriber: Subscriber::open_as(Role::Observer, topic, &reading)?,
             nap: SHORTEST_NAP.min(options.longest_nap),
             longest_nap: options.longest_nap,
         })

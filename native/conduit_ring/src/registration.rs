@@ -1,4 +1,8 @@
-//! A reader's hold on its reader slot: given up when neither the reader nor a lease needs it any more.
+//! A reader's registration in a segment: a claimed reader slot that a subscriber shares with its
+//! leases.
+//!
+//! A lease may outlive its subscriber, and its pin lies in the reader slot. So the slot is
+//! released by whichever of them is dropped last.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU32};
@@ -15,14 +19,15 @@ use crate::pins;
 use crate::sync::Ordering::{AcqRel, Acquire, Relaxed, Release};
 use crate::topic::Topic;
 
+/// See the module.
 pub(crate) struct Registration {
     attached: Arc<Attached>,
     claim: Claim,
-    given_up: AtomicBool,
+    released: AtomicBool,
     owner: Owner,
-    /// Bit i: ticket i is out.
-    tickets: AtomicU32,
-    /// Mappings that leases looked through and the next ones will.
+    /// Bit i: permit i is taken.
+    permits: AtomicU32,
+    /// Mappings that leases no longer use, for the next ones.
     views: Mutex<Vec<Mapping>>,
 }
 
@@ -45,25 +50,27 @@ impl Registration {
         Ok(Arc::new(Registration {
             attached: attached.clone(),
             claim,
-            given_up: AtomicBool::new(false),
+            released: AtomicBool::new(false),
             owner: Owner::here(),
-            tickets: AtomicU32::new(0),
+            permits: AtomicU32::new(0),
             views: Mutex::default(),
         }))
     }
 
-    pub(crate) fn number(&self) -> ReaderSlot {
+    /// Returns the claimed reader slot.
+    pub(crate) fn slot(&self) -> ReaderSlot {
         self.claim.reader_slot
     }
 
-    /// Whether the segment still says that the reader slot is this reader's.
+    /// Returns whether the segment still says that the reader slot is this reader's.
     pub(crate) fn stands(&self) -> bool {
         self.claim.stands(self.memory())
     }
 
-    /// Gives the reader slot up, once.
-    pub(crate) fn give_up(&self) -> io::Result<()> {
-        if !self.owner.is_here() || self.given_up.swap(true, AcqRel) {
+    /// Releases the reader slot, once. In a forked child it does nothing.
+    pub(crate) fn release(&self) -> io::Result<()> {
+        // AcqRel: one of several threads releases, behind all that the others did before.
+        if !self.owner.is_here() || self.released.swap(true, AcqRel) {
             return Ok(());
         }
         self.claim.release(self.memory(), &self.attached.segment)
@@ -81,59 +88,61 @@ impl Registration {
 impl Drop for Registration {
     fn drop(&mut self) {
         // Closing the file frees the lock in any case.
-        let _ = self.give_up();
+        let _ = self.release();
     }
 }
 
-/// The right to hold one message: a reader slot has as many as it has pins.
-pub(crate) struct Ticket {
-    reader_slot: Arc<Registration>,
+/// The right to hold one message. A registration has as many as its reader slot has pins.
+pub(crate) struct Permit {
+    registration: Arc<Registration>,
     number: usize,
 }
 
-impl Ticket {
-    /// `None` when all are out.
-    pub(crate) fn take(reader_slot: &Arc<Registration>) -> Option<Ticket> {
-        let all = reader_slot.number().pins().len();
-        let out = reader_slot.tickets.load(Relaxed);
-        let number = (0..all).find(|number| out & 1 << number == 0)?;
-        // Acquire: meets the Release in drop, so that a pin is taken away before it is set anew. Only the one subscriber takes.
-        reader_slot.tickets.fetch_or(1 << number, Acquire);
-        Some(Ticket {
-            reader_slot: reader_slot.clone(),
+impl Permit {
+    /// Takes a permit. Returns `None` when all are taken.
+    pub(crate) fn take(registration: &Arc<Registration>) -> Option<Permit> {
+        let all = registration.slot().pins().len();
+        // Relaxed: only the one subscriber takes permits, so that a free one stays free.
+        let taken = registration.permits.load(Relaxed);
+        let number = (0..all).find(|number| taken & 1 << number == 0)?;
+        // Acquire: pairs with the Release in drop, so that a pin is cleared before it is set again.
+        registration.permits.fetch_or(1 << number, Acquire);
+        Some(Permit {
+            registration: registration.clone(),
             number,
         })
     }
 
-    /// The pin that goes with it.
+    /// Returns the pin that belongs to the permit.
     pub(crate) fn pin(&self) -> At64 {
-        self.reader_slot.number().pins()[self.number]
+        self.registration.slot().pins()[self.number]
     }
 
-    /// A mapping to look through; read-only, and apart from the reader's own, so that it can become private.
+    /// Returns a mapping to look through. It is read-only, and apart from the reader's own, so
+    /// that it can become private.
     pub(crate) fn borrow_view(&self) -> io::Result<Mapping> {
-        if let Some(view) = self.reader_slot.views().pop() {
+        if let Some(view) = self.registration.views().pop() {
             return Ok(view);
         }
-        let len = self.reader_slot.attached.header.geometry.segment_len();
-        self.reader_slot
-            .attached
-            .segment
-            .map(len, Access::Read, false)
+        let attached = &self.registration.attached;
+        let len = attached.header.geometry.segment_len();
+        attached.segment.map(len, Access::Read, false)
     }
 
+    /// Keeps a mapping for the next permit.
     pub(crate) fn return_view(&self, view: Mapping) {
-        self.reader_slot.views().push(view);
+        self.registration.views().push(view);
     }
 }
 
-impl Drop for Ticket {
+impl Drop for Permit {
     fn drop(&mut self) {
-        if !self.reader_slot.given_up.load(Acquire) && self.reader_slot.owner.is_here() {
-            pins::unpin(self.reader_slot.memory(), self.pin());
+        // Acquire: pairs with the AcqRel in release; behind it the pin may be another reader's.
+        if !self.registration.released.load(Acquire) && self.registration.owner.is_here() {
+            pins::unpin(self.registration.memory(), self.pin());
         }
-        self.reader_slot
-            .tickets
-            .fetch_and(!(1 << self.number), Release);
+        // Release: pairs with the Acquire in take.
+        let taken = &self.registration.permits;
+        taken.fetch_and(!(1 << self.number), Release);
     }
 }

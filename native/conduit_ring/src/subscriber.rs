@@ -1,193 +1,144 @@
-//! One who reads a topic.
+//! One reader of a topic.
 
 use std::fmt;
 use std::time::{Duration, Instant};
 
-use crate::attachment::{Attachment, Beginning, Incarnation, Life, Part, Past};
+use crate::attachment::{Attachment, Incarnation};
+use crate::backing::Role;
 use crate::content::ContentTag;
-use crate::delivery::{Meta, Policy};
+use crate::delivery::Policy;
 use crate::error::Error;
 use crate::geometry::Geometry;
-use crate::guarded::Guard;
 use crate::lease::Lease;
 use crate::options::SubscriberOptions;
-use crate::os::{self, Watch};
-use crate::owner::Owner;
+use crate::outcome::{Read, Received, Stats, Wait};
 use crate::sink::{IntoNew, IntoVec};
-use crate::topic::{Topic, directory};
-use crate::wait::LONGEST_SLEEP;
+use crate::subscription::{Change, Step, Subscription};
+use crate::topic::Topic;
 use crate::waker::Waker;
-
-/// How long a sleep may be while a file is there that is not yet a segment, or the directory cannot be watched.
-const UNWATCHED_SLEEP: Duration = Duration::from_millis(50);
-
-/// Between two looks at a topic on which there is no word to sleep on, from after a message on.
-const SHORTEST_NAP: Duration = Duration::from_millis(1);
-const LONGEST_NAP: Duration = Duration::from_millis(4);
-
-/// What a look at a topic gave.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Read {
-    /// A message; it is in the buffer.
-    Message(Meta),
-    /// Nothing new.
-    Nothing,
-    /// The topic has a publisher again, or for the first time.
-    PublisherUp,
-    /// The publisher died, closed the topic or was replaced. Whatever it had published was delivered before.
-    PublisherDown,
-}
-
-/// What a look at a topic gave, with the buffer that the message was copied into.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Received<B> {
-    /// A message.
-    Message(Meta, B),
-    /// As [`Read::Nothing`].
-    Nothing,
-    /// As [`Read::PublisherUp`].
-    PublisherUp,
-    /// As [`Read::PublisherDown`].
-    PublisherDown,
-}
-
-/// Why a wait ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wait {
-    /// [`Subscriber::try_read`] has something to say.
-    Ready,
-    /// A [`Waker`] was used.
-    Woken,
-    /// The time is up.
-    TimedOut,
-}
-
-/// What a subscriber has seen so far.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct Stats {
-    /// Messages delivered.
-    pub delivered: u64,
-    /// Messages lost.
-    pub lost: u64,
-    /// Times that the publisher's count was found behind the reader's.
-    pub resyncs: u64,
-}
 
 /// One reader of a topic, in a reader slot of its own.
 ///
-/// It outlives publishers: when one dies it says so, and goes on with the next one by itself.
+/// A subscriber copies messages out at its own pace. It outlives publishers: it reports when one
+/// dies ([`Read::PublisherDown`]) and when the next one comes ([`Read::PublisherUp`]), and
+/// attaches to the topic's next segment by itself. The [crate's front page](crate) draws its
+/// states.
+///
+/// | call | the message | waits |
+/// |---|---|---|
+/// | [`try_read`](Subscriber::try_read) | is copied into a vector that is used again | no |
+/// | [`read_timeout`](Subscriber::read_timeout) | is copied into a vector that is used again | yes |
+/// | [`try_read_with`](Subscriber::try_read_with) | is copied into a buffer made for it | no |
+/// | [`try_lease`](Subscriber::try_lease) | stays in its slot | no |
+/// | [`wait`](Subscriber::wait) | | yes |
+///
+/// ```
+/// use std::time::Duration;
+/// use conduit_ring::{Publisher, PublisherOptions, Read, Subscriber, SubscriberOptions, Topic};
+///
+/// # let name = format!("doc-subscriber-{}", std::process::id());
+/// let topic = Topic::new(&name)?;
+/// let mut publisher = Publisher::open(&topic, &PublisherOptions::default())?;
+/// let mut subscriber = Subscriber::open(&topic, &SubscriberOptions::default())?;
+/// for n in 0..20_u8 {
+///     publisher.publish(&[n]).unwrap();
+/// }
+///
+/// // The ring has 16 slots: the four oldest messages are lost, and the first one says so.
+/// let mut buffer = Vec::new();
+/// let mut messages = Vec::new();
+/// while let Read::Message(meta) = subscriber.try_read(&mut buffer)? {
+///     messages.push((meta.sequence, meta.lost, buffer[0]));
+/// }
+/// assert_eq!(messages.len(), 16);
+/// assert_eq!(messages[..2], [(4, 4, 4), (5, 0, 5)]);
+/// assert_eq!(subscriber.stats().lost, 4);
+/// # Ok::<(), conduit_ring::Error>(())
+/// ```
 pub struct Subscriber {
-    topic: Topic,
-    part: Part,
-    guard: Guard,
-    policy: Policy,
-    tie: Tie,
-    waker: Waker,
-    publisher_up: bool,
-    pending: Option<Change>,
-    next_look: Instant,
-    past: Stats,
-    owner: Owner,
-    /// How long the next sleep on a stranger's topic is.
-    nap: Duration,
-}
-
-/// What the subscriber holds on to.
-enum Tie {
-    Attached(Attachment),
-    Awaiting { watch: Option<Watch>, past: Past },
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Change {
-    Up,
-    Down,
-}
-
-/// What a step came to, before it is told in the caller's words.
-enum Step<T> {
-    Message(T),
-    Change(Change),
-    Nothing,
+    subscription: Subscription,
 }
 
 impl Subscriber {
     /// Subscribes to a topic, which need not exist yet.
     ///
     /// # Errors
-    /// [`Error::NoReaderSlot`] for a 17th subscriber; [`Error::BadSegment`]; [`Error::Os`].
+    /// - [`Error::NoReaderSlot`] for the 17th subscriber.
+    /// - [`Error::BadSegment`] when the file is not a ring that this version can read.
+    /// - [`Error::InvalidTrust`] when the list of trusted users is invalid.
+    /// - [`Error::Os`] when the operating system refuses.
     pub fn open(topic: &Topic, options: &SubscriberOptions) -> Result<Subscriber, Error> {
-        Subscriber::open_as(Part::Reader, topic, options)
+        Subscriber::open_as(Role::Reader, topic, options)
     }
 
     pub(crate) fn open_as(
-        part: Part,
+        role: Role,
         topic: &Topic,
         options: &SubscriberOptions,
     ) -> Result<Subscriber, Error> {
-        let waker = Waker::new().map_err(Error::os("eventfd", topic.path()))?;
-        let mut subscriber = Subscriber {
-            topic: topic.clone(),
-            part,
-            guard: options.guard,
-            policy: options.policy,
-            tie: Tie::Awaiting {
-                watch: None,
-                past: Past::default(),
-            },
-            waker,
-            publisher_up: false,
-            pending: None,
-            next_look: Instant::now(),
-            past: Stats::default(),
-            owner: Owner::here(),
-            nap: SHORTEST_NAP,
-        };
-        match Attachment::open(topic, part, options.guard, Beginning::At(options.start))? {
-            Some(attachment) => subscriber.hold(attachment)?,
-            None => subscriber.await_topic(Past::default()),
-        }
-        subscriber.pending = None;
-        Ok(subscriber)
+        Ok(Subscriber {
+            subscription: Subscription::open(role, topic, options)?,
+        })
     }
 
-    /// Takes the next message, if there is one, into `buffer`, whose content it replaces. Never waits.
+    /// Takes the next message, if there is one, into `buffer`, whose content it replaces.
+    ///
+    /// Never waits. Calls the operating system only when there is no message, at most twice a
+    /// second, and then to check the publisher.
     ///
     /// # Errors
-    /// When the topic is to be attached to again: as [`Subscriber::open`]. The next call tries again.
+    /// - [`Error::Forked`] in a child of the process that opened the subscriber.
+    /// - [`Error::BadSegment`] when the file of a [guarded](crate::Guard) topic was shortened.
+    /// - As [`Subscriber::open`], when the topic has a new segment and attaching to it fails.
+    ///
+    /// The subscriber stays usable, and the next call tries again.
     #[inline]
     pub fn try_read(&mut self, buffer: &mut Vec<u8>) -> Result<Read, Error> {
         let mut sink = IntoVec::new(buffer);
-        Ok(
-            match self.step(|it, topic, policy| it.next(topic, policy, &mut sink))? {
-                Step::Message(meta) => {
-                    // SAFETY: the sink gave room for `len` bytes, and all of them were copied there.
-                    unsafe { sink.finish(meta.len) };
-                    Read::Message(meta)
-                }
-                Step::Change(Change::Up) => Read::PublisherUp,
-                Step::Change(Change::Down) => Read::PublisherDown,
-                Step::Nothing => Read::Nothing,
-            },
-        )
+        let next = |it: &mut Attachment, topic: &Topic, policy| it.next(topic, policy, &mut sink);
+        Ok(match self.subscription.step(next)? {
+            Step::Message(meta) => {
+                // SAFETY: the sink gave room for `len` bytes, and all of them were copied there.
+                unsafe { sink.finish(meta.len) };
+                Read::Message(meta)
+            }
+            Step::Change(Change::Up) => Read::PublisherUp,
+            Step::Change(Change::Down) => Read::PublisherDown,
+            Step::Nothing => Read::Nothing,
+        })
     }
 
-    /// Takes the next message, if there is one, into a buffer that `alloc` makes for its length. `alloc` may be called
-    /// more than once, when the publisher overtakes the copy.
+    /// Takes the next message, if there is one, into a buffer that `alloc` makes for its length.
+    ///
+    /// For buffers that must be made by a runtime, such as a binary of the BEAM. `alloc` may be
+    /// called more than once for one message, when the publisher overtakes the copy. Never waits.
+    ///
+    /// ```
+    /// use conduit_ring::{Publisher, PublisherOptions, Received, Subscriber, Topic};
+    ///
+    /// # let name = format!("doc-with-{}", std::process::id());
+    /// let topic = Topic::new(&name)?;
+    /// let mut publisher = Publisher::open(&topic, &PublisherOptions::default())?;
+    /// let mut subscriber = Subscriber::open(&topic, &Default::default())?;
+    /// publisher.publish(b"12.5 degrees").unwrap();
+    /// let received = subscriber.try_read_with(|len| vec![0; len].into_boxed_slice())?;
+    /// assert!(matches!(received, Received::Message(_, bytes) if *bytes == *b"12.5 degrees"));
+    /// # Ok::<(), conduit_ring::Error>(())
+    /// ```
     ///
     /// # Errors
     /// As [`Subscriber::try_read`].
     ///
     /// # Panics
-    /// When the buffer is not as long as was asked for.
+    /// Panics if `alloc` makes a buffer of another length than it was asked for.
     #[inline]
     pub fn try_read_with<B: AsMut<[u8]>>(
         &mut self,
         alloc: impl FnMut(usize) -> B,
     ) -> Result<Received<B>, Error> {
         let mut sink = IntoNew::new(alloc);
-        let step = self.step(|it, topic, policy| it.next(topic, policy, &mut sink))?;
+        let next = |it: &mut Attachment, topic: &Topic, policy| it.next(topic, policy, &mut sink);
+        let step = self.subscription.step(next)?;
         Ok(match (step, sink.into_buffer()) {
             (Step::Message(meta), Some(buffer)) => Received::Message(meta, buffer),
             (Step::Change(Change::Up), _) => Received::PublisherUp,
@@ -199,11 +150,12 @@ impl Subscriber {
     /// Takes the next message, if there is one, without copying it: see [`Lease`]. Never waits.
     ///
     /// # Errors
-    /// [`Error::TooManyLeases`] when three are held; the message is kept. [`Error::Os`] when it cannot be mapped. Else as
-    /// [`Subscriber::try_read`].
+    /// - [`Error::TooManyLeases`] when this subscriber has three leases. The message is kept for
+    ///   the next call.
+    /// - [`Error::Os`] when the message cannot be mapped.
+    /// - As [`Subscriber::try_read`].
     pub fn try_lease(&mut self) -> Result<Received<Lease>, Error> {
-        let step = self.step(Attachment::lease)?;
-        Ok(match step {
+        Ok(match self.subscription.step(Attachment::lease)? {
             Step::Message(lease) => Received::Message(lease.meta(), lease),
             Step::Change(Change::Up) => Received::PublisherUp,
             Step::Change(Change::Down) => Received::PublisherDown,
@@ -211,37 +163,21 @@ impl Subscriber {
         })
     }
 
-    /// Sleeps until [`Subscriber::try_read`] has something to say, a [`Waker`] is used or the time is up.
+    /// Sleeps until [`Subscriber::try_read`] has a message or a change to return, a [`Waker`] is
+    /// used or `timeout` has passed.
+    ///
+    /// The thread sleeps in the kernel and is woken by the next message. It wakes at least twice a
+    /// second, to check that the publisher lives.
     ///
     /// # Errors
     /// As [`Subscriber::try_read`].
     pub fn wait(&mut self, timeout: Duration) -> Result<Wait, Error> {
-        self.check_owner()?;
-        let deadline = Instant::now().checked_add(timeout);
-        loop {
-            if self.waker.take() {
-                return Ok(Wait::Woken);
-            }
-            if self.publisher_up && self.has_news() {
-                return Ok(Wait::Ready);
-            }
-            self.look_around()?;
-            if self.pending.is_some() || self.has_news() {
-                return Ok(Wait::Ready);
-            }
-            let now = Instant::now();
-            let left = deadline.map_or(LONGEST_SLEEP, |deadline| {
-                deadline.saturating_duration_since(now)
-            });
-            if left.is_zero() {
-                return Ok(Wait::TimedOut);
-            }
-            self.sleep(left.min(self.longest_sleep()));
-        }
+        self.subscription.wait(timeout)
     }
 
-    /// Waits for the next message or change of the publisher and takes it. [`Read::Nothing`] when the time is up or a
-    /// [`Waker`] was used.
+    /// Waits for the next message or change of the publisher and takes it.
+    ///
+    /// Returns [`Read::Nothing`] when `timeout` has passed or a [`Waker`] was used.
     ///
     /// # Errors
     /// As [`Subscriber::try_read`].
@@ -261,249 +197,57 @@ impl Subscriber {
         }
     }
 
-    /// Which messages to get from now on after falling behind.
+    /// Sets which messages to get from now on after falling behind.
     pub fn set_policy(&mut self, policy: Policy) {
-        self.policy = policy;
+        self.subscription.options.policy = policy;
     }
 
-    /// A handle for waking this subscriber from another thread.
+    /// Returns a handle with which another thread can wake this subscriber.
     pub fn waker(&self) -> Waker {
-        self.waker.clone()
+        self.subscription.waker().clone()
     }
 
-    /// The topic.
+    /// Returns the topic.
     pub fn topic(&self) -> &Topic {
-        &self.topic
+        self.subscription.topic()
     }
 
-    /// Whether the topic had a live publisher when last looked at.
+    /// Returns whether the topic had a live publisher when it was last checked.
     pub fn publisher_up(&self) -> bool {
-        self.publisher_up
+        self.subscription.publisher_up()
     }
 
-    /// Number and length of the slots, once there is a segment.
+    /// Returns number and length of the slots, or `None` while the topic has no segment.
     pub fn geometry(&self) -> Option<Geometry> {
-        self.attachment()
+        self.subscription
+            .attachment()
             .map(|attachment| attachment.header().geometry)
     }
 
-    /// The encoding of the messages, once there is a segment.
+    /// Returns the encoding of the messages, or `None` while the topic has no segment.
     pub fn content(&self) -> Option<ContentTag> {
-        self.attachment()
+        self.subscription
+            .attachment()
             .map(|attachment| attachment.header().content)
     }
 
-    /// Counts of this subscriber's whole life.
+    /// Returns the counts of this subscriber's whole life.
     pub fn stats(&self) -> Stats {
-        let (lost, resyncs) = match &self.tie {
-            Tie::Attached(attachment) => (
-                attachment.reader().lost_total(),
-                attachment.reader().resyncs(),
-            ),
-            Tie::Awaiting { past, .. } => (past.lost, 0),
-        };
-        Stats {
-            lost: self.past.lost.saturating_add(lost),
-            resyncs: self.past.resyncs.saturating_add(resyncs),
-            ..self.past
-        }
+        self.subscription.stats()
     }
 
-    /// Which publisher the segment has, or had last, once there is one.
+    /// Returns which publisher the segment has, or had last. Returns `None` while the topic has
+    /// no segment.
     pub fn incarnation(&self) -> Option<Incarnation> {
-        self.attachment().map(Attachment::incarnation)
-    }
-
-    fn attachment(&self) -> Option<&Attachment> {
-        match &self.tie {
-            Tie::Attached(attachment) => Some(attachment),
-            Tie::Awaiting { .. } => None,
-        }
-    }
-
-    /// A child that read on would move the cursor of its parent.
-    #[inline]
-    fn check_owner(&self) -> Result<(), Error> {
-        if self.owner.is_here() {
-            return Ok(());
-        }
-        Err(Error::Forked {
-            path: self.topic.path().to_owned(),
-        })
-    }
-
-    fn longest_sleep(&self) -> Duration {
-        self.attachment()
-            .map_or(LONGEST_SLEEP, Attachment::longest_sleep)
-    }
-
-    fn has_news(&self) -> bool {
-        self.attachment().is_some_and(Attachment::has_news)
-    }
-
-    #[inline]
-    fn step<T>(
-        &mut self,
-        mut take: impl FnMut(&mut Attachment, &Topic, Policy) -> Result<Option<T>, Error>,
-    ) -> Result<Step<T>, Error> {
-        self.check_owner()?;
-        if self.publisher_up
-            && self.pending.is_none()
-            && let Some(message) = self.take(&mut take)?
-        {
-            return Ok(Step::Message(message));
-        }
-        self.look_around()?;
-        Ok(match self.pending.take() {
-            Some(change) => Step::Change(change),
-            None => self.take(&mut take)?.map_or(Step::Nothing, Step::Message),
-        })
-    }
-
-    #[inline]
-    fn take<T>(
-        &mut self,
-        take: &mut impl FnMut(&mut Attachment, &Topic, Policy) -> Result<Option<T>, Error>,
-    ) -> Result<Option<T>, Error> {
-        let Tie::Attached(attachment) = &mut self.tie else {
-            return Ok(None);
-        };
-        let taken = match take(attachment, &self.topic, self.policy) {
-            Err(error) if attachment.is_broken() => {
-                self.let_go();
-                self.tell(false);
-                return Err(error);
-            }
-            taken => taken?,
-        };
-        if taken.is_some() {
-            self.past.delivered += 1;
-            self.nap = SHORTEST_NAP;
-        }
-        Ok(taken)
-    }
-
-    /// Looks after the tie: attaches, notices a publisher's end or return. What there is to tell is then pending.
-    fn look_around(&mut self) -> Result<(), Error> {
-        match &self.tie {
-            _ if self.pending.is_some() => Ok(()),
-            Tie::Awaiting { past, .. } => {
-                let beginning = Beginning::After(*past);
-                match Attachment::open(&self.topic, self.part, self.guard, beginning)? {
-                    Some(attachment) => self.hold(attachment),
-                    None => Ok(()),
-                }
-            }
-            Tie::Attached(attachment) => {
-                let due = !attachment.says_live()
-                    || !self.publisher_up
-                    || Instant::now() >= self.next_look;
-                if due {
-                    self.look_at_publisher()
-                } else {
-                    Ok(())
-                }
-            }
-        }
-    }
-
-    fn look_at_publisher(&mut self) -> Result<(), Error> {
-        self.next_look = Instant::now() + self.longest_sleep();
-        let Tie::Attached(attachment) = &mut self.tie else {
-            return Ok(());
-        };
-        let life = attachment
-            .life(&self.topic)
-            .map_err(Error::os("stat", self.topic.path()))?;
-        match life {
-            Life::Up => {
-                let renewed = attachment.renew_claim(&self.topic);
-                if renewed.is_err() {
-                    self.let_go();
-                }
-                self.tell(renewed.is_ok());
-                return renewed;
-            }
-            // What was published before the end comes first.
-            Life::Down | Life::Over if attachment.has_news() => {}
-            Life::Down => self.tell(false),
-            Life::Over => {
-                self.let_go();
-                self.tell(false);
-            }
-        }
-        Ok(())
-    }
-
-    fn tell(&mut self, up: bool) {
-        if self.publisher_up != up {
-            self.publisher_up = up;
-            self.pending = Some(if up { Change::Up } else { Change::Down });
-        }
-    }
-
-    fn hold(&mut self, attachment: Attachment) -> Result<(), Error> {
-        // A waker writes to what its subscriber sleeps on.
-        let writable = self.part == Part::Reader;
-        self.waker
-            .attach(if writable { attachment.alarm() } else { None });
-        self.tie = Tie::Attached(attachment);
-        self.look_at_publisher()
-    }
-
-    fn let_go(&mut self) {
-        self.past = self.stats();
-        let past = self.attachment().map(Attachment::past).unwrap_or_default();
-        // The next reader's count begins with what this one still owes.
-        self.past.lost = self.past.lost.saturating_sub(past.lost);
-        self.await_topic(past);
-    }
-
-    /// Waits for the topic's file. The watch comes first, so that a file made after the look that follows is noticed.
-    fn await_topic(&mut self, past: Past) {
-        self.waker.attach(None);
-        self.tie = Tie::Awaiting {
-            watch: Watch::new(directory()).ok(),
-            past,
-        };
-    }
-
-    fn sleep(&mut self, timeout: Duration) {
-        match &self.tie {
-            Tie::Attached(attachment) => {
-                let news =
-                    || self.waker.is_woken() || attachment.has_news() || !attachment.says_live();
-                if !attachment.is_unmapped() {
-                    attachment.sleep(timeout, news);
-                } else if !news() {
-                    os::wait_for_either(self.waker.event(), None, timeout.min(self.nap));
-                    self.nap = (2 * self.nap).min(LONGEST_NAP);
-                }
-            }
-            Tie::Awaiting { watch, .. } => {
-                let blind = watch.is_none() || self.topic.path().exists();
-                let timeout = if blind {
-                    timeout.min(UNWATCHED_SLEEP)
-                } else {
-                    timeout
-                };
-                os::wait_for_either(self.waker.event(), watch.as_ref(), timeout);
-            }
-        }
-    }
-}
-
-impl Drop for Subscriber {
-    fn drop(&mut self) {
-        self.waker.attach(None);
+        self.subscription.attachment().map(Attachment::incarnation)
     }
 }
 
 impl fmt::Debug for Subscriber {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Subscriber")
-            .field("topic", &self.topic.name())
-            .field("publisher_up", &self.publisher_up)
+            .field("topic", &self.topic().name())
+            .field("publisher_up", &self.publisher_up())
             .field("stats", &self.stats())
             .finish_non_exhaustive()
     }
@@ -529,13 +273,13 @@ mod tests {
             publisher.publish(b"last").unwrap();
             publisher.publish(b"words").unwrap();
             end(publisher);
-            subscriber.look_at_publisher().unwrap();
+            subscriber.subscription.check_publisher().unwrap();
             for word in [b"last".as_slice(), b"words"] {
                 let read = subscriber.try_read(&mut buffer).unwrap();
                 assert!(matches!(read, Read::Message(_)), "{read:?}");
                 assert_eq!(buffer, word);
             }
-            subscriber.look_at_publisher().unwrap();
+            subscriber.subscription.check_publisher().unwrap();
             let read = subscriber.try_read(&mut buffer).unwrap();
             assert_eq!(read, Read::PublisherDown);
             let _ = std::fs::remove_file(topic.path());
