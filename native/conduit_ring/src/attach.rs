@@ -1,4 +1,4 @@
-//! Opening a segment that exists: checked first, mapped then.
+//! Opening a segment that exists: it is checked first and mapped then.
 
 use std::io;
 use std::sync::Arc;
@@ -19,7 +19,7 @@ pub(crate) struct Attached {
     pub(crate) header: Header,
 }
 
-/// Opens a topic's file; `None` when there is none.
+/// Opens a topic's file. Returns `None` when it does not exist.
 pub(crate) fn open_file(topic: &Topic, access: Access) -> Result<Option<Segment>, Error> {
     let segment = match Segment::open(topic.path(), access) {
         Ok(segment) => segment,
@@ -36,7 +36,7 @@ pub(crate) fn open_file(topic: &Topic, access: Access) -> Result<Option<Segment>
     }
 }
 
-/// Reads what the file says about itself.
+/// Reads and checks the header. The inner result is what is wrong with the file.
 pub(crate) fn read_header(
     topic: &Topic,
     segment: &Segment,
@@ -50,7 +50,7 @@ pub(crate) fn read_header(
         .and_then(|head| Header::decode(&head, len)))
 }
 
-/// Maps a checked segment, unless it belongs to a stranger, who could shorten it at any moment.
+/// Maps a checked segment. Refuses a stranger's, who could shorten it at any moment.
 pub(crate) fn map(
     topic: &Topic,
     segment: Segment,
@@ -62,7 +62,7 @@ pub(crate) fn map(
     map_trusting(topic, segment, header, access, populate)
 }
 
-/// Maps a checked segment, whoever it belongs to.
+/// Maps a checked segment, whoever owns it.
 pub(crate) fn map_trusting(
     topic: &Topic,
     segment: Segment,
@@ -83,8 +83,8 @@ pub(crate) fn map_trusting(
     })
 }
 
-/// Opens a topic's file to read it, and to write into it, too, if it is to be and does not belong to a stranger; `None` when
-/// there is none.
+/// Opens a topic's file for reading. With write access it opens the file for writing as well, unless
+/// a stranger owns it. Returns `None` when the file does not exist.
 pub(crate) fn open_to_read(
     topic: &Topic,
     access: Access,
@@ -98,20 +98,20 @@ pub(crate) fn open_to_read(
         Ok(Some(Found { segment, foreign }))
     };
     match open(Access::Read)? {
-        // Another file may have the name by now: that is why its owner is asked for again.
+        // Another file may have the name by now, so that its owner is checked again.
         Some(found) if access == Access::Write && !found.foreign => open(access),
         found => Ok(found),
     }
 }
 
-/// A file that was opened.
+/// A topic's file that was opened.
 pub(crate) struct Found {
     pub(crate) segment: Segment,
     /// Whether it belongs to a user who is not trusted.
     pub(crate) foreign: bool,
 }
 
-/// Opens and checks a topic; `None` when there is no file.
+/// Opens and checks a topic. Returns `None` when its file does not exist.
 fn open(topic: &Topic, access: Access) -> Result<Option<(Segment, Header)>, Error> {
     let Some(segment) = open_file(topic, access)? else {
         return Ok(None);
@@ -120,12 +120,12 @@ fn open(topic: &Topic, access: Access) -> Result<Option<(Segment, Header)>, Erro
     Ok(Some((segment, header)))
 }
 
-/// As [`read_header`], of a file that must be sound.
+/// As [`read_header`], for a file that must be sound.
 pub(crate) fn sound_header(topic: &Topic, segment: &Segment) -> Result<Header, Error> {
     read_header(topic, segment)?.map_err(|fault| bad(topic, fault))
 }
 
-/// Opens, checks and maps a topic; `None` when there is no file.
+/// Opens, checks and maps a topic. Returns `None` when its file does not exist.
 pub(crate) fn attach(topic: &Topic, access: Access) -> Result<Option<Attached>, Error> {
     let Some((segment, header)) = open(topic, access)? else {
         return Ok(None);
@@ -133,6 +133,7 @@ pub(crate) fn attach(topic: &Topic, access: Access) -> Result<Option<Attached>, 
     map(topic, segment, header, access, false).map(Some)
 }
 
+/// Makes the error for a file that cannot be used.
 pub(crate) fn bad(topic: &Topic, fault: Fault) -> Error {
     Error::BadSegment {
         path: topic.path().to_owned(),

@@ -5,9 +5,10 @@ use std::time::Duration;
 
 use crate::attach::{self, Attached, Found};
 use crate::error::Error;
-use crate::guarded::{Guard, Guarded};
+use crate::guarded::Guarded;
 use crate::header::Header;
 use crate::layout::{At32, ReaderSlot};
+use crate::options::Guard;
 use crate::os::{Access, Segment};
 use crate::registration::Registration;
 use crate::source;

@@ -1,13 +1,29 @@
-//! The 16 reader slots: taking one, giving it up, and taking back those whose readers died.
+//! The 16 reader slots: taking one, releasing it, and taking back those whose readers died.
 //!
-//! A reader slot is held by a lock, which the kernel frees when its reader dies; the bits only tell the writer about it. Bits of
-//! a native reader slot change under its lock alone. A legacy reader has no lock: it sets its bit of `subscriber_mask` and then
-//! writes its `read_idx`. Hence the order in which a native reader slot is given up: native, waiting and pin bits first (a legacy
-//! successor of the bit must not be taken for native, or it would not be woken), then `read_idx` is made invalid, then the
-//! mask bit goes, then `claim_id`. reader slots of a new segment begin with such a `read_idx`. Hence whatever step a native reader
-//! was killed at, what it left is told from a legacy claim: by its native bit, or by a `claim_id` beside an invalid
-//! `read_idx`. (One case errs on the safe side and is left to a person: killed in the midst of claiming a reader slot that a
-//! legacy reader had before.)
+//! A lock holds a reader slot, and the kernel frees it when the reader dies. The bits in the header
+//! only tell the publisher about it. The bits of a native reader slot change under its lock alone.
+//!
+//! ```text
+//!              claim                                        release
+//!    lock                                         native_mask     &= !bit
+//!    waiting_mask, pin_mask &= !bit               waiting_mask    &= !bit
+//!    claim_id = random                            pin_mask        &= !bit
+//!    subscriber_mask |= bit   AcqRel              read_idx = u64::MAX
+//!    native_mask     |= bit                       subscriber_mask &= !bit    Release
+//!    read_idx = write_idx, pins = 0               claim_id = 0
+//!                                                 unlock
+//! ```
+//!
+//! A legacy reader has no lock: it sets its bit of `subscriber_mask` and then writes its
+//! `read_idx`. Two things follow for the order of a release:
+//! - Native, waiting and pin bits go before the mask bit. Else a legacy successor of that bit would
+//!   be taken for native, and not be woken.
+//! - `read_idx` is made invalid before the mask bit goes, and a new segment begins with such a
+//!   `read_idx`. So at whatever step a native reader is killed, its leftovers differ from a legacy
+//!   claim: by the native bit, or by a `claim_id` beside an invalid `read_idx`.
+//!
+//! One case errs on the safe side and is left to a person: a reader that is killed while it claims
+//! a reader slot that a legacy reader had before.
 
 use std::io;
 
@@ -16,26 +32,28 @@ use crate::memory::Memory;
 use crate::source::{self, Source};
 use crate::sync::Ordering::{AcqRel, Acquire, Relaxed, Release};
 
-/// `read_idx` of a reader slot that has not been claimed yet, or that a native reader is giving up.
-const GIVEN_UP: u64 = u64::MAX;
+/// `read_idx` of a reader slot that was never claimed, or that a native reader is releasing.
+const RELEASED: u64 = u64::MAX;
 
-/// The locks on reader slots.
+/// The locks on reader slots: the kernel's, or a model of them.
 pub(crate) trait ReaderSlotLocks {
-    /// `false` when another one has it.
+    /// Takes the lock. Returns `false` when another reader has it.
     fn try_lock(&self, reader_slot: ReaderSlot) -> io::Result<bool>;
+
+    /// Frees the lock.
     fn unlock(&self, reader_slot: ReaderSlot) -> io::Result<()>;
 }
 
-/// Who claims, for people to read.
+/// The reader that claims, as it is written into the reader slot for people.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Claimant {
-    /// Random, so that a claim can be recognised.
+    /// A random number by which the claim is recognised.
     pub(crate) id: u64,
     pub(crate) pid: u32,
     pub(crate) start_time: u64,
 }
 
-/// A reader slot that is held.
+/// A reader slot that this process holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Claim {
     pub(crate) reader_slot: ReaderSlot,
@@ -43,7 +61,7 @@ pub(crate) struct Claim {
 }
 
 impl Claim {
-    /// Takes a reader slot, those of dead readers included; `None` when all are held.
+    /// Takes a reader slot, if need be a dead reader's. Returns `None` when all are held.
     pub(crate) fn take(
         memory: &Memory,
         locks: &impl ReaderSlotLocks,
@@ -65,14 +83,16 @@ impl Claim {
         Ok(None)
     }
 
-    /// Whether the segment still says so; a legacy publisher may have started it anew.
+    /// Returns whether the segment still says so. A legacy publisher that starts again clears it.
+    ///
+    /// Relaxed: an outdated answer is corrected by the next check.
     pub(crate) fn stands(&self, memory: &Memory) -> bool {
         memory.u64(self.reader_slot.claim_id()).load(Relaxed) == self.id
             && memory.u32(NATIVE_MASK).load(Relaxed) & self.reader_slot.bit() != 0
             && is_set(memory, self.reader_slot)
     }
 
-    /// Gives the reader slot up if it still is this claim's, and its lock in any case.
+    /// Releases the reader slot if it is still this claim's, and its lock in any case.
     pub(crate) fn release(self, memory: &Memory, locks: &impl ReaderSlotLocks) -> io::Result<()> {
         if self.stands(memory) {
             clear(memory, self.reader_slot);
@@ -84,10 +104,12 @@ impl Claim {
 /// Prepares the reader slots of a new segment.
 pub(crate) fn prepare(memory: &Memory) {
     ReaderSlot::all()
-        .for_each(|reader_slot| memory.u64(reader_slot.read_idx()).store(GIVEN_UP, Relaxed));
+        .for_each(|reader_slot| memory.u64(reader_slot.read_idx()).store(RELEASED, Relaxed));
 }
 
-/// Gives up every reader slot whose native reader died. The caller holds no reader slot.
+/// Releases every reader slot whose native reader died. The caller holds no reader slot.
+///
+/// Each slot is looked at again under its lock: until then a living reader may have taken it.
 pub(crate) fn reclaim_leaked(memory: &Memory, locks: &impl ReaderSlotLocks) -> io::Result<()> {
     for reader_slot in ReaderSlot::all() {
         let leaked = is_native_claim(memory, reader_slot) || waits_unclaimed(memory, reader_slot);
@@ -105,7 +127,8 @@ pub(crate) fn reclaim_leaked(memory: &Memory, locks: &impl ReaderSlotLocks) -> i
     Ok(())
 }
 
-/// Takes the pins of those of these reader slots (bits) whose readers died; whether there was one.
+/// Clears the pins in those of these reader slots (bits) whose readers died. Returns whether there
+/// was one.
 pub(crate) fn reclaim_pins(
     memory: &Memory,
     locks: &impl ReaderSlotLocks,
@@ -128,14 +151,17 @@ pub(crate) fn reclaim_pins(
     Ok(reclaimed)
 }
 
-/// Takes a reader slot whose lock is held and whose bit was clear; `false` when a legacy reader was quicker.
+/// Claims a reader slot whose lock is held and whose bit was clear. Returns `false` when a legacy
+/// reader was faster.
 fn take_free(memory: &Memory, reader_slot: ReaderSlot, who: Claimant) -> bool {
     memory
         .u32(WAITING_MASK)
         .fetch_and(!reader_slot.bit(), Relaxed);
     memory.u32(PIN_MASK).fetch_and(!reader_slot.bit(), Relaxed);
     memory.u64(reader_slot.claim_id()).store(who.id, Relaxed);
-    // AcqRel: meets the Release in clear and the Acquire in is_set.
+    // AcqRel: the Acquire pairs with the Release in clear, so that the predecessor's stores come
+    // first; the Release pairs with the Acquire in is_set, so that who sees the bit sees the
+    // claim_id. The other stores are Relaxed: they change under the lock, or are for people.
     if memory
         .u32(SUBSCRIBER_MASK)
         .fetch_or(reader_slot.bit(), AcqRel)
@@ -161,6 +187,7 @@ fn take_free(memory: &Memory, reader_slot: ReaderSlot, who: Claimant) -> bool {
     true
 }
 
+/// Releases a reader slot in the order that the module explains.
 fn clear(memory: &Memory, reader_slot: ReaderSlot) {
     memory
         .u32(NATIVE_MASK)
@@ -169,27 +196,29 @@ fn clear(memory: &Memory, reader_slot: ReaderSlot) {
         .u32(WAITING_MASK)
         .fetch_and(!reader_slot.bit(), Relaxed);
     memory.u32(PIN_MASK).fetch_and(!reader_slot.bit(), Relaxed);
-    memory.u64(reader_slot.read_idx()).store(GIVEN_UP, Relaxed);
-    // Release: meets the acquiring claim of a legacy successor, and fetch_or in take_free.
+    memory.u64(reader_slot.read_idx()).store(RELEASED, Relaxed);
+    // Release: pairs with the acquiring claim of a legacy successor, and with fetch_or in
+    // take_free. Whoever takes the bit finds the others cleared.
     memory
         .u32(SUBSCRIBER_MASK)
         .fetch_and(!reader_slot.bit(), Release);
     memory.u64(reader_slot.claim_id()).store(0, Relaxed);
 }
 
+/// Acquire: pairs with the AcqRel in take_free.
 fn is_set(source: &impl Source, reader_slot: ReaderSlot) -> bool {
     source.load32(SUBSCRIBER_MASK, Acquire) & reader_slot.bit() != 0
 }
 
-/// What a guarded reader that sleeps looks like: it claims nothing but the lock.
+/// Returns whether a guarded reader sleeps here, or died asleep: it claims nothing but the lock.
 fn waits_unclaimed(memory: &Memory, reader_slot: ReaderSlot) -> bool {
     memory.u32(WAITING_MASK).load(Relaxed) & reader_slot.bit() != 0 && !is_set(memory, reader_slot)
 }
 
-/// Whether a set bit was set by a native reader, be it in the midst of claiming or giving up.
+/// Returns whether a native reader set the bit, also while it claims or releases the slot.
 pub(crate) fn is_native_claim(source: &impl Source, reader_slot: ReaderSlot) -> bool {
     let native = source.load32(NATIVE_MASK, Relaxed) & reader_slot.bit() != 0;
-    let giving_up = source.load(reader_slot.claim_id(), Relaxed) != 0
-        && source.load(reader_slot.read_idx(), Relaxed) == GIVEN_UP;
-    is_set(source, reader_slot) && (native || giving_up)
+    let releasing = source.load(reader_slot.claim_id(), Relaxed) != 0
+        && source.load(reader_slot.read_idx(), Relaxed) == RELEASED;
+    is_set(source, reader_slot) && (native || releasing)
 }

@@ -1,6 +1,11 @@
-//! Which encoding a topic's messages have.
+//! Which encoding the messages of a topic have.
 
 /// A hash of the name of an encoding, kept in the segment so that tools can tell what they see.
+///
+/// The publisher states the encoding in
+/// [`PublisherOptions::content`](crate::PublisherOptions::content). The ring itself never looks
+/// into a message. A publisher with another tag than its predecessor's makes a new segment, so that
+/// all messages of one segment have one encoding.
 ///
 /// ```
 /// use conduit_ring::ContentTag;
@@ -12,10 +17,10 @@
 pub struct ContentTag(u64);
 
 impl ContentTag {
-    /// Bytes of no stated encoding.
+    /// The tag of bytes without a stated encoding.
     pub const RAW: ContentTag = ContentTag(0);
 
-    /// The tag of an encoding: FNV-1a, 64 bits, of its name.
+    /// Returns the tag of an encoding: the 64-bit FNV-1a hash of its name.
     pub const fn of(name: &str) -> ContentTag {
         let bytes = name.as_bytes();
         let mut hash = 0xcbf2_9ce4_8422_2325_u64;
@@ -27,12 +32,12 @@ impl ContentTag {
         ContentTag(hash)
     }
 
-    /// A tag as it stands in a segment.
+    /// Makes a tag from the number that a segment holds.
     pub const fn from_value(value: u64) -> ContentTag {
         ContentTag(value)
     }
 
-    /// The number that stands in the segment.
+    /// Returns the number that a segment holds.
     pub const fn value(self) -> u64 {
         self.0
     }

@@ -1,8 +1,14 @@
 //! Copying into and out of memory that another process may be writing.
 //!
-//! `memcpy` there would be a data race. These copies use relaxed atomics, in words of eight bytes where the shared side
-//! is aligned, so a copy may mix old and new words but is never undefined; the protocol around it rejects the mixture.
-//! The private side may have any alignment.
+//! `memcpy` there would be a data race, which is undefined behaviour. These copies use relaxed
+//! atomics, in words of eight bytes where the shared side is aligned. A copy may mix old and new
+//! words but is always defined, and the protocol around it rejects the mixture. The private side
+//! may have any alignment.
+//!
+//! ```text
+//!   shared side  ├─1─┼──4──┼────8────┼── 64 ──┼── 64 ──┼ … ┼──8──┼─4─┼1┼1┤
+//!                 until 8-aligned      blocks of 8 words     the rest
+//! ```
 
 use core::sync::atomic::{AtomicU8, AtomicU32, AtomicU64, Ordering::Relaxed};
 

@@ -1,4 +1,4 @@
-//! CRC-32 (IEEE 802.3), bit by bit: it runs over two dozen bytes when a segment is opened.
+//! CRC-32 (IEEE 802.3), bit by bit: it runs over 24 bytes when a segment is opened.
 
 pub(crate) fn crc32(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(!0, |crc, byte| {

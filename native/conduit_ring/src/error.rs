@@ -39,6 +39,8 @@ pub enum Error {
         reason: String,
     },
     /// Another publisher of this topic lives.
+    ///
+    /// End it, or publish under another name: a topic has one publisher at a time.
     PublisherAlive {
         /// The segment's file.
         path: PathBuf,
@@ -46,11 +48,15 @@ pub enum Error {
         pid: u32,
     },
     /// A publisher without the extension made the file, and some process may still use it.
+    ///
+    /// End that process, or set [`PublisherOptions::force`](crate::PublisherOptions::force).
     LegacyInUse {
         /// The segment's file.
         path: PathBuf,
     },
-    /// The file belongs to a user who is not trusted: see [`trust`](crate::trust).
+    /// The file belongs to a user who is not trusted.
+    ///
+    /// Remove the file, publish as that user, or list the user as [`trust`](crate::trust) describes.
     ForeignOwner {
         /// The segment's file.
         path: PathBuf,
@@ -64,27 +70,36 @@ pub enum Error {
         /// What was expected and what was given.
         reason: String,
     },
-    /// All 16 reader slots are taken.
+    /// All 16 reader slots are taken, by readers that live.
+    ///
+    /// Close a subscriber, or use an [`Observer`](crate::Observer), which takes no slot.
     NoReaderSlot {
         /// The segment's file.
         path: PathBuf,
     },
     /// The subscriber has three leases already.
+    ///
+    /// Drop one, or [`detach`](crate::Lease::detach) it.
     TooManyLeases {
         /// The segment's file.
         path: PathBuf,
     },
     /// The publisher or subscriber belongs to the process that forked this one.
+    ///
+    /// Open the topic in this process, or call `exec` behind `fork`.
     Forked {
         /// The segment's file.
         path: PathBuf,
     },
-    /// The topic does not exist.
+    /// The topic does not exist. Only functions that inspect or repair a topic return it: a
+    /// subscriber waits for the topic.
     NoTopic {
         /// The file that does not exist.
         path: PathBuf,
     },
     /// The file is not a segment that this version can use.
+    ///
+    /// A publisher replaces such a file when no process uses it.
     BadSegment {
         /// The segment's file.
         path: PathBuf,
@@ -92,6 +107,8 @@ pub enum Error {
         fault: Fault,
     },
     /// The operating system refused.
+    ///
+    /// A full `/dev/shm` is the usual case: its pages are allocated when a topic is made.
     Os {
         /// The operation that failed, such as `"open"` or `"map"`.
         action: &'static str,

@@ -5,9 +5,17 @@ use crate::layout::{HEADER_LEN, SLOT_HEADER_LEN};
 
 /// Number and length of a ring's slots. A value of this type is always within the limits.
 ///
-/// conduit counts a slot's length *with* its 20-byte header ([`Geometry::slots`]); a user thinks of the messages
-/// ([`Geometry::depth`]). Slots start on a cache line: their length in the file is rounded up to a multiple of 64. What is
-/// too large for a message is counted by the length as given, whatever the rounding left.
+/// There are two ways to state a geometry. conduit counts a slot's length *with* its 20-byte header
+/// ([`Geometry::slots`]). A user thinks of messages ([`Geometry::depth`]).
+///
+/// Slots start on a cache line: their length in the file is rounded up to a multiple of 64. The
+/// longest message is that of the length as given, whatever the rounding leaves.
+///
+/// # How to choose
+///
+/// The depth is how many messages a slow reader may be behind before it loses one. Two are the
+/// minimum to write one while another is read; four suit large frames, and 16, the default, suit
+/// samples. Every slot's memory is allocated when the topic is made.
 ///
 /// ```
 /// use conduit_ring::Geometry;
@@ -31,22 +39,36 @@ pub struct Geometry {
 }
 
 impl Geometry {
-    /// The shortest slot: a header and one byte.
+    /// The length of the shortest slot: a header and one byte.
     pub const MIN_SLOT_SIZE: u32 = SLOT_HEADER_LEN as u32 + 1;
-    /// The longest slot: 1 GiB.
+    /// The length of the longest slot: 1 GiB.
     pub const MAX_SLOT_SIZE: u32 = 1 << 30;
-    /// The most slots.
+    /// The largest number of slots.
     pub const MAX_SLOT_COUNT: u32 = 1 << 20;
 
-    /// A ring of `slot_count` slots (a power of two) of `slot_size` bytes each, the slot's 20-byte header included.
+    /// Makes the geometry of `slot_count` slots of `slot_size` bytes each, the slot's 20-byte header
+    /// included.
+    ///
+    /// # Errors
+    /// [`Error::InvalidGeometry`] unless `slot_count` is a power of two up to
+    /// [`MAX_SLOT_COUNT`](Geometry::MAX_SLOT_COUNT) and `slot_size` is between
+    /// [`MIN_SLOT_SIZE`](Geometry::MIN_SLOT_SIZE) and [`MAX_SLOT_SIZE`](Geometry::MAX_SLOT_SIZE).
+    /// On a 32-bit machine the whole segment must also fit into 2 GiB.
     pub fn slots(slot_count: u32, slot_size: u32) -> Result<Geometry, Error> {
         let given = Geometry::exact(slot_count, slot_size)?;
         let rounded = Geometry::exact(slot_count, slot_size.next_multiple_of(64))?;
         Ok(rounded.limited(given.max_message_size))
     }
 
-    /// A ring that keeps at least the last `depth` messages of up to `max_message_size` bytes each. The depth is rounded
-    /// up to a power of two, the size so that slots fill whole cache lines of the file.
+    /// Makes the geometry of a ring that keeps at least the last `depth` messages of up to
+    /// `max_message_size` bytes each.
+    ///
+    /// The depth is rounded up to a power of two, and the size so that slots fill whole cache lines
+    /// of the file.
+    ///
+    /// # Errors
+    /// [`Error::InvalidGeometry`] when depth or size is 0 or beyond the limits of
+    /// [`Geometry::slots`].
     pub fn depth(depth: u32, max_message_size: u32) -> Result<Geometry, Error> {
         let invalid = || Error::InvalidGeometry {
             reason: format!(
@@ -66,7 +88,7 @@ impl Geometry {
         Geometry::slots(slot_count, slot_size).map_err(|_| invalid())
     }
 
-    /// A geometry as it stands in a segment, nothing rounded.
+    /// Makes a geometry as it stands in a segment, with nothing rounded.
     pub(crate) fn exact(slot_count: u32, slot_size: u32) -> Result<Geometry, Error> {
         let geometry = Geometry {
             slot_count,
@@ -88,7 +110,8 @@ impl Geometry {
         })
     }
 
-    /// The same slots for messages of up to `max_message_size` bytes; 0 and what is longer than a slot mean a slot's length.
+    /// Returns the same slots for messages of up to `max_message_size` bytes. 0, and a size longer
+    /// than a slot, stand for a slot's length.
     pub(crate) fn limited(self, max_message_size: u32) -> Geometry {
         let accepted = 1..=self.capacity() as u32;
         Geometry {
@@ -101,37 +124,38 @@ impl Geometry {
         }
     }
 
-    /// Whether the slots of both lie at the same places.
+    /// Returns whether the slots of both lie at the same places.
     pub(crate) fn has_slots_of(&self, other: &Geometry) -> bool {
         (self.slot_count, self.slot_size) == (other.slot_count, other.slot_size)
     }
 
-    /// Number of slots, a power of two.
+    /// Returns the number of slots, a power of two.
     pub fn slot_count(&self) -> u32 {
         self.slot_count
     }
 
-    /// Length of a slot in the file in bytes, its 20-byte header included.
+    /// Returns the length of a slot in the file in bytes, its 20-byte header included.
     pub fn slot_size(&self) -> u32 {
         self.slot_size
     }
 
-    /// The longest message that is accepted, in bytes: the slot's length as it was given, without its header.
+    /// Returns the length of the longest message that is accepted, in bytes. It is the slot's length
+    /// as it was given, without its header.
     pub fn max_message_size(&self) -> usize {
         self.max_message_size as usize
     }
 
-    /// Bytes of a slot behind its header.
+    /// Returns the bytes of a slot behind its header.
     pub(crate) fn capacity(&self) -> usize {
         self.slot_size as usize - SLOT_HEADER_LEN
     }
 
-    /// Length of the whole segment in bytes.
+    /// Returns the length of the whole segment in bytes.
     pub fn segment_len(&self) -> u64 {
         HEADER_LEN as u64 + u64::from(self.slot_count) * u64::from(self.slot_size)
     }
 
-    /// Where the slot of a message begins in the segment.
+    /// Returns where the slot of a message begins in the segment.
     #[inline]
     pub(crate) fn slot_offset(&self, sequence: u64) -> usize {
         let index = sequence as u32 & (self.slot_count - 1);
@@ -140,7 +164,7 @@ impl Geometry {
 }
 
 impl Default for Geometry {
-    /// conduit's default: 16 slots of 4096 bytes, messages of up to 4076 bytes.
+    /// Returns conduit's default: 16 slots of 4096 bytes, for messages of up to 4076 bytes.
     fn default() -> Self {
         Geometry {
             slot_count: 16,

@@ -1,14 +1,20 @@
 //! Reading a segment that others may shorten at any time.
 //!
-//! Whoever may write a file may also cut it off, and whoever touches a mapping behind the end gets SIGBUS. So a guarded
-//! reader touches no mapping. It reads every word and every byte by `pread`, for which the end of the file is an answer.
+//! A user who may write a file may also shorten it, and a process that then touches a mapping behind
+//! the end gets SIGBUS. So a guarded reader touches no mapping. It reads every word and every byte
+//! by `pread`, for which the end of the file is an answer.
 //!
-//! A stranger's file it does not even map: it sleeps in naps, and looks in between. Of its own user's and trusted ones' files
-//! only the kernel touches the mapping on its behalf, to sleep on the futex word and to set its waiting bit
-//! (`FUTEX_WAKE_OP`), and the kernel has an errno for a page that is not there.
+//! | file | words and payloads | sleep | reader slot |
+//! |---|---|---|---|
+//! | of a stranger, or legacy | `pread` | naps of 1 to 4 ms | none |
+//! | of a trusted user | `pread` | futex, by the kernel | its lock only |
 //!
-//! It writes nothing but that bit. It holds the lock of a reader slot, so that the bit is its own, and sets no other one: it
-//! does not show among the topic's readers. Without a mapping it takes no reader slot, too.
+//! A stranger's file is not even mapped. A trusted user's file is mapped, but only the kernel
+//! touches the mapping, to sleep on the futex word and to set the waiting bit (`FUTEX_WAKE_OP`); it
+//! returns EFAULT for a page that does not exist.
+//!
+//! A guarded reader writes nothing but that bit. It holds the lock of a reader slot, so that the bit
+//! is its own. It sets no other bit, and so does not show among the topic's readers.
 
 use std::io;
 use std::sync::OnceLock;
@@ -28,36 +34,20 @@ use crate::topic::Topic;
 use crate::wait::LONGEST_SLEEP;
 use crate::waker::Alarm;
 
-/// Whether a topic is read in guarded mode: without ever touching memory that another process could take away.
-///
-/// A process that may write a topic's file may also shorten it, and whoever then touches the missing part through a mapping
-/// is killed by SIGBUS. In guarded mode that is an error ([`Fault::Truncated`]). The price: a few system calls for each
-/// message, no message is held in its slot ([`Lease`](crate::Lease)s are copies), and the subscriber does not show
-/// among [`Info::readers`](crate::Info::readers).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Guard {
-    /// When the file belongs to a user who is not trusted: see [`trust`](crate::trust).
-    #[default]
-    Auto,
-    /// Always.
-    Always,
-    /// Never: whoever owns the file is trusted.
-    Never,
-}
-
-/// See the module.
+/// A segment that is read by `pread`: see the module.
 pub(crate) struct Guarded {
     pub(crate) segment: Segment,
     pub(crate) header: Header,
-    /// `None` of a stranger's file, and of a legacy publisher's, where there is no bit to set.
+    /// `None` for a stranger's file, and for a legacy publisher's, which has no waiting bits.
     mapping: Option<Mapping>,
-    /// `None` of an observer, and without a mapping.
+    /// `None` for an observer, and without a mapping.
     reader_slot: Option<ReaderSlot>,
+    /// The first failure of a system call.
     broken: OnceLock<io::Error>,
 }
 
 impl Guarded {
-    /// A segment that is read by `pread` alone.
+    /// Makes a segment that is read by `pread` alone.
     pub(crate) fn unmapped(segment: Segment, header: Header) -> Guarded {
         Guarded {
             segment,
@@ -68,7 +58,7 @@ impl Guarded {
         }
     }
 
-    /// A segment whose mapping the kernel may touch.
+    /// Makes a segment whose mapping the kernel may touch.
     pub(crate) fn open(
         topic: &Topic,
         segment: Segment,
@@ -92,6 +82,7 @@ impl Guarded {
         Ok(guarded)
     }
 
+    /// Locks a reader slot that no reader has claimed.
     fn lock_reader_slot(&self) -> io::Result<Option<ReaderSlot>> {
         for reader_slot in ReaderSlot::all() {
             let claimed = self.load32(SUBSCRIBER_MASK) & reader_slot.bit() != 0;
@@ -102,7 +93,7 @@ impl Guarded {
         Ok(None)
     }
 
-    /// An error once the file has turned out to be shorter than it was, or unreadable.
+    /// Returns an error once the file has turned out to be shorter than it was, or unreadable.
     pub(crate) fn check(&self, topic: &Topic) -> Result<(), Error> {
         match self.broken.get() {
             None => Ok(()),
@@ -127,40 +118,42 @@ impl Guarded {
         self.mapping.is_some()
     }
 
-    /// As `wait::sleep`, on a mapping.
+    /// As `wait::sleep`, with the kernel's hands. Without a mapping it returns at once.
     pub(crate) fn sleep(&self, timeout: Duration, news: impl FnOnce() -> bool) {
         let Some(mapping) = &self.mapping else {
             return;
         };
         let seen = self.load32(FUTEX_WORD);
-        // Acquire: as in wait::sleep.
+        // Acquire: as in wait::sleep; the word was read by the kernel for this thread.
         fence(Ordering::Acquire);
         if let Some(reader_slot) = self.reader_slot {
-            self.note(mapping.set_bit(WAITING_MASK.offset(), reader_slot.index()));
+            self.record(mapping.set_bit(WAITING_MASK.offset(), reader_slot.index()));
         }
+        // SeqCst: as in wait::sleep.
         fence(Ordering::SeqCst);
         if !news() && !self.is_broken() {
             let timeout = timeout.min(LONGEST_SLEEP);
-            self.note(mapping.futex_wait(FUTEX_WORD.offset(), seen, timeout));
+            self.record(mapping.futex_wait(FUTEX_WORD.offset(), seen, timeout));
         }
         self.stop_waiting();
     }
 
     fn stop_waiting(&self) {
         if let (Some(reader_slot), Some(mapping)) = (self.reader_slot, &self.mapping) {
-            self.note(mapping.clear_bit(WAITING_MASK.offset(), reader_slot.index()));
+            self.record(mapping.clear_bit(WAITING_MASK.offset(), reader_slot.index()));
         }
     }
 
     fn bytes<const N: usize>(&self, offset: usize) -> [u8; N] {
         let mut bytes = [0; N];
-        self.note(self.segment.read_at(&mut bytes, offset as u64));
+        self.record(self.segment.read_at(&mut bytes, offset as u64));
         bytes
     }
 
-    fn note(&self, result: io::Result<()>) {
+    /// Remembers a failure. The caller of `check` gets it.
+    fn record(&self, result: io::Result<()>) {
         if let Err(error) = result {
-            // The first trouble is the one that is told.
+            // The first failure is the one that is reported.
             let _ = self.broken.set(error);
         }
     }
@@ -173,13 +166,14 @@ impl Source for Guarded {
         self.header.geometry
     }
 
-    /// A word may change while the kernel copies it: two equal looks are believed.
+    /// A word may change while the kernel copies it. So it is read until two reads are equal.
     fn load(&self, at: At64, _order: Ordering) -> u64 {
         let mut last: [u8; 8] = self.bytes(at.offset());
         loop {
             let now = self.bytes(at.offset());
             if now == last || self.is_broken() {
-                // Acquire, at least. Fences order what the kernel reads for this thread, too.
+                // Acquire, whatever was asked for. A fence also orders the kernel's reads for this
+                // thread.
                 fence(Ordering::Acquire);
                 return u64::from_le_bytes(now);
             }
@@ -189,7 +183,7 @@ impl Source for Guarded {
 
     fn load32(&self, at: At32, _order: Ordering) -> u32 {
         let word = Guarded::load32(self, at);
-        // Acquire, at least.
+        // Acquire, whatever was asked for.
         fence(Ordering::Acquire);
         word
     }
@@ -218,14 +212,14 @@ impl SourceSlot for GuardedSlot<'_> {
         let offset = (self.offset + SLOT_HEADER_LEN) as u64;
         // SAFETY: `to` has room for `len` bytes by the caller's promise.
         self.guarded
-            .note(unsafe { self.guarded.segment.read_raw_at(to, len, offset) });
+            .record(unsafe { self.guarded.segment.read_raw_at(to, len, offset) });
     }
 }
 
 impl Alarm for Guarded {
     fn ring(&self) {
         if let Some(mapping) = &self.mapping {
-            self.note(mapping.bump_and_wake(FUTEX_WORD.offset()));
+            self.record(mapping.bump_and_wake(FUTEX_WORD.offset()));
         }
     }
 }
@@ -234,7 +228,7 @@ impl Drop for Guarded {
     fn drop(&mut self) {
         if let Some(reader_slot) = self.reader_slot {
             self.stop_waiting();
-            // The mapping keeps the open file alive, and so the lock.
+            // The mapping may keep the open file, and so the lock.
             let _ = self.segment.unlock(reader_slot.lock());
         }
     }

@@ -1,4 +1,8 @@
-//! The part of a header that is set once, as a pure function of its bytes.
+//! The part of a segment's header that is set once, as a pure function of its bytes.
+//!
+//! Every check of a foreign file is here, before the file is mapped: `max_subscribers` is 16, the
+//! geometry is within the limits and fits the file's real size, version and features are known,
+//! and the checksum is right.
 
 use crate::content::ContentTag;
 use crate::crc32::crc32;
@@ -10,7 +14,7 @@ use crate::layout::{
     VERSION_MAJOR, VERSION_MINOR,
 };
 
-/// Bytes of the header up to the last one that tells what a segment is.
+/// The bytes of the header up to the last one that says what a segment is.
 pub(crate) const FIXED_LEN: usize = MESSAGE_LIMIT.offset() + 4;
 
 /// Who made a segment.
@@ -22,7 +26,7 @@ pub(crate) enum Origin {
     Legacy,
 }
 
-/// What a reader or a successor needs to know before it maps a segment.
+/// The facts that a reader or a successor needs before it maps a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Header {
     pub(crate) geometry: Geometry,
@@ -31,7 +35,7 @@ pub(crate) struct Header {
 }
 
 impl Header {
-    /// Reads the first bytes of a file of `file_len` bytes.
+    /// Checks the first bytes of a file of `file_len` bytes.
     pub(crate) fn decode(bytes: &[u8; FIXED_LEN], file_len: u64) -> Result<Header, Fault> {
         if file_len < HEADER_LEN as u64 {
             return Err(Fault::NotReady);
@@ -111,7 +115,7 @@ impl Header {
     }
 }
 
-/// What stands at [`MESSAGE_LIMIT`] for a geometry.
+/// Returns the value at [`MESSAGE_LIMIT`] for a geometry.
 pub(crate) fn message_limit(geometry: &Geometry) -> u32 {
     if geometry.max_message_size() == geometry.capacity() {
         0
@@ -120,6 +124,7 @@ pub(crate) fn message_limit(geometry: &Geometry) -> u32 {
     }
 }
 
+/// Covers geometry and content tag, which never change.
 fn checksum(bytes: &[u8; FIXED_LEN]) -> u32 {
     let mut covered = [0; 24];
     covered[..16].copy_from_slice(&bytes[..16]);

@@ -1,4 +1,4 @@
-//! A look at a topic from outside.
+//! A topic, inspected from outside.
 
 use crate::attach;
 use crate::claim;
@@ -18,49 +18,70 @@ use crate::source::{self, Source};
 use crate::sync::Ordering::{Acquire, Relaxed};
 use crate::topic::Topic;
 
-/// How a topic stands.
+/// The state of a topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum State {
-    /// Its publisher lives.
+    /// The publisher lives.
     Live,
-    /// Its publisher died; the next one takes over.
+    /// The publisher died. The next one takes the topic over.
     Dead,
-    /// Its publisher closed it.
+    /// The publisher closed the topic.
     Closed,
-    /// It was replaced by one of another geometry.
+    /// A publisher with another geometry or content replaced the segment.
     Retired,
-    /// It was made by a publisher without the extension, of whose life nothing is known.
+    /// A publisher without the extension made the topic. Whether it lives is unknown.
     Legacy,
-    /// It says something that it should not.
+    /// The segment has a state that this version does not know.
     Unknown,
 }
 
-/// A claimed reader slot.
+/// A claimed reader slot, as the segment shows it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Reader {
-    /// Number of the slot, 0..16.
+    /// Number of the reader slot, 0..16.
     pub index: u32,
-    /// Whether it speaks the extension; if not, only index and `next_sequence` mean something.
+    /// Whether the reader speaks the extension. If not, only `index` and `next_sequence` have a
+    /// meaning.
     pub native: bool,
-    /// Whether it lives: a native reader that does not leaked its slot. Always `true` for others.
+    /// Whether the reader lives. A native reader that does not has left its slot behind. Always
+    /// `true` for others.
     pub alive: bool,
-    /// Whether it sleeps.
+    /// Whether the reader sleeps.
     pub waiting: bool,
-    /// Its process.
+    /// The reader's process.
     pub pid: u32,
-    /// Sequence number of the message that it reads next.
+    /// Sequence number of the message that the reader reads next.
     pub next_sequence: u64,
-    /// Messages it has lost.
+    /// How many messages the reader has lost.
     pub lost: u64,
-    /// Messages it holds in their slots.
+    /// How many messages the reader holds in their slots.
     pub leases: u32,
-    /// Their sequence numbers, the oldest first. One that is older than the ring has slots costs the topic a number a lap.
+    /// The sequence numbers of these messages, the oldest first. A message that is older than the
+    /// ring has slots costs the topic a number in each lap.
     pub held: Vec<u64>,
 }
 
-/// What there is to know about a topic, at one moment.
+/// The state, the counters and the readers of a topic, at one moment.
+///
+/// The fields are read one after another while the topic is in use, so that they need not agree
+/// with each other to the message.
+///
+/// ```
+/// use conduit_ring::{Info, Publisher, PublisherOptions, State, Subscriber, Topic};
+///
+/// # let name = format!("doc-info-{}", std::process::id());
+/// let topic = Topic::new(&name)?;
+/// let mut publisher = Publisher::open(&topic, &PublisherOptions::default())?;
+/// let _subscriber = Subscriber::open(&topic, &Default::default())?;
+/// publisher.publish(b"12.5 degrees").unwrap();
+///
+/// let info = Info::read(&topic)?;
+/// assert_eq!((info.state, info.published), (State::Live, 1));
+/// assert_eq!(info.readers[0].pid, std::process::id());
+/// # Ok::<(), conduit_ring::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Info {
@@ -68,39 +89,45 @@ pub struct Info {
     pub topic: Topic,
     /// Number and length of its slots.
     pub geometry: Geometry,
-    /// How it stands.
+    /// The state of the topic.
     pub state: State,
-    /// Messages published so far, which is the next sequence number.
+    /// How many messages have been published, which is the next sequence number.
     pub published: u64,
-    /// The encoding of its messages.
+    /// The encoding of the messages.
     pub content: ContentTag,
-    /// Takeovers so far.
+    /// How many times a publisher took over or made the file anew.
     pub epoch: u32,
-    /// Random number of this sequence of messages, which goes on where a living publisher makes its file anew; 0 if it has no
-    /// extension.
+    /// Random number of this sequence of messages. It stays the same where a living publisher makes
+    /// its file anew. It is 0 if the topic has no extension.
     pub instance_id: u64,
-    /// Process of the publisher.
+    /// The publisher's process.
     pub writer_pid: u32,
-    /// When the last message was published, on [`clock::now_ns`](crate::clock::now_ns)'s clock; 0 before the first.
+    /// When the last message was published, on the clock of
+    /// [`clock::now_ns`](crate::clock::now_ns); 0 before the first message.
     pub last_publish_ns: u64,
-    /// What to add to a time stamp to get wall time, as of the publisher's start.
+    /// What to add to a time stamp to get wall time, as it was when the publisher started.
     pub realtime_offset_ns: i64,
-    /// Numbers passed over because a reader held the slot, and messages dropped because readers held all slots.
+    /// How many numbers were passed over because a reader held the slot, and how many messages were
+    /// dropped because readers held all slots.
     pub dropped_pinned: u64,
-    /// Messages rejected because they were too large.
+    /// How many messages were rejected because they were too large.
     pub rejected_oversize: u64,
-    /// Times that sleepers were called.
+    /// How many times sleepers were woken.
     pub wake_count: u64,
     /// The claimed reader slots.
     pub readers: Vec<Reader>,
 }
 
 impl Info {
-    /// Looks at a topic without taking part: it is opened for reading only, takes no reader slot, and is not mapped, so that
-    /// nobody who shortens it does harm.
+    /// Inspects a topic without taking part in it.
+    ///
+    /// The file is opened for reading only and is not mapped, so that a user who shortens it does
+    /// no harm. No reader slot is taken.
     ///
     /// # Errors
-    /// [`Error::NoTopic`], [`Error::BadSegment`], [`Error::Os`].
+    /// - [`Error::NoTopic`] when the topic does not exist.
+    /// - [`Error::BadSegment`] when the file is not a ring that this version can read.
+    /// - [`Error::Os`] when the operating system refuses.
     pub fn read(topic: &Topic) -> Result<Info, Error> {
         let segment = attach::open_file(topic, Access::Read)?.ok_or_else(|| Error::NoTopic {
             path: topic.path().to_owned(),
@@ -114,6 +141,9 @@ impl Info {
         looked.check(topic).map(|()| info)
     }
 
+    /// Reads all fields from a source. `alive` is whether the publisher's lock is taken.
+    ///
+    /// Relaxed, but for the state: the fields are for people, and nothing is decided by them.
     pub(crate) fn collect(
         topic: &Topic,
         segment: &Segment,

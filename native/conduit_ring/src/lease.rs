@@ -1,4 +1,4 @@
-//! Looking at a message where it lies.
+//! A message that is read in its slot.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -10,37 +10,65 @@ use crate::layout::SLOT_HEADER_LEN;
 use crate::os::Mapping;
 use crate::registration::Permit;
 
-/// A message that stays what it is until the lease is dropped: not copied, but held in its slot.
+/// A message that is held in its slot, not copied, until the lease is dropped.
 ///
-/// While it is held the publisher leaves the message alone. It neither waits nor stops: when it has gone round the ring and
-/// comes to this slot again, it passes it over, and the slot's number with it, which other subscribers count as lost
-/// ([`Info::dropped_pinned`](crate::Info::dropped_pinned)). Only when all slots are held does it drop messages
-/// ([`PublishError::SlotHeld`](crate::PublishError::SlotHeld)). So hold a lease for less than `slot_count - 1` periods of the
-/// topic, or [`detach`](Lease::detach) it. A holder that is killed holds nothing any more.
+/// While the lease lives the publisher leaves the message alone. It neither waits nor stops. When it
+/// has gone round the ring and comes to this slot again, it passes the slot over, and the slot's
+/// number with it, which other subscribers count as lost
+/// ([`Info::dropped_pinned`](crate::Info::dropped_pinned)). Only when all slots are held does it drop
+/// messages ([`PublishError::SlotHeld`](crate::PublishError::SlotHeld)).
 ///
-/// A subscriber has at most three such leases at a time; they may outlive it, and go to other threads.
+/// So hold a lease for less than `slot_count - 1` periods of the topic, or
+/// [`detach`](Lease::detach) it. A process that is killed holds nothing any more.
 ///
-/// A lease is a copy, made at once and not counted among the three, where no publisher would respect a hold: on a topic of a legacy publisher, in guarded mode, and of a message that the publisher may already be about to
-/// overwrite when the subscriber takes its first lease. [`Lease::holds_slot`] tells.
+/// A subscriber has at most three such leases at a time. They may outlive it, and go to other
+/// threads.
+///
+/// ```
+/// use conduit_ring::{Publisher, PublisherOptions, Received, Subscriber, Topic};
+///
+/// # let name = format!("doc-lease-{}", std::process::id());
+/// let topic = Topic::new(&name)?;
+/// let mut publisher = Publisher::open(&topic, &PublisherOptions::default())?;
+/// let mut subscriber = Subscriber::open(&topic, &Default::default())?;
+/// publisher.publish(b"12.5 degrees").unwrap();
+/// let Received::Message(meta, lease) = subscriber.try_lease()? else {
+///     panic!("expected a message");
+/// };
+/// let mut unit = [0; 7];
+/// lease.read_at(5, &mut unit);
+/// assert_eq!((meta.len, &unit), (12, b"degrees"));
+/// assert_eq!(publisher.info().readers[0].held, [0]);
+/// drop(lease); // the publisher may use the slot again
+/// # Ok::<(), conduit_ring::Error>(())
+/// ```
+///
+/// # When it is a copy
+///
+/// A lease is a copy, made at once and not counted among the three, where the publisher would not
+/// respect a hold: on a topic of a legacy publisher, in [guarded](crate::Guard) mode, and for a
+/// message that the publisher may already be about to overwrite when the subscriber takes its first
+/// lease. [`Lease::holds_slot`] tells the two apart.
 ///
 /// # The bytes
 ///
-/// They are shared memory. All processes that may write the topic's file and keep to the protocol leave them alone while
-/// the lease lasts; one that does not can change them under one's eyes or cut them off (SIGBUS), as it can do with all of
-/// the ring. Hence [`Lease::as_slice`] is unsafe; [`Lease::read_at`] and [`Lease::to_vec`] copy, and are not.
+/// The bytes are shared memory. All processes that may write the topic's file and keep to the
+/// protocol leave them alone while the lease lives. A process that breaks the protocol can change
+/// them or cut them off (SIGBUS), as it can do with all of the ring. Hence [`Lease::as_slice`] is
+/// unsafe; [`Lease::read_at`] and [`Lease::to_vec`] copy, and are safe.
 pub struct Lease {
     meta: Meta,
     place: Place,
-    /// `None` of a copy, and once detached.
+    /// `None` for a copy, and once detached.
     permit: Option<Permit>,
     path: PathBuf,
 }
 
-/// Where the bytes lie.
+/// Where the bytes are.
 enum Place {
-    /// In a mapping of the lease's own: the slot, or private pages once detached.
+    /// In a mapping of the lease's own: in the slot, or in private pages once detached.
     Mapped {
-        /// `None` only while it is dropped.
+        /// `None` only while the lease is dropped.
         pages: Option<Mapping>,
         at: usize,
     },
@@ -76,27 +104,29 @@ impl Lease {
         }
     }
 
-    /// What the message says about itself.
+    /// Returns sequence number, time, length and losses.
     pub fn meta(&self) -> Meta {
         self.meta
     }
 
-    /// Length of the message in bytes.
+    /// Returns the length of the message in bytes.
     pub fn len(&self) -> usize {
         self.meta.len
     }
 
-    /// Whether the message has no bytes.
+    /// Returns whether the message has no bytes.
     pub fn is_empty(&self) -> bool {
         self.meta.len == 0
     }
 
-    /// Whether the publisher leaves a slot alone for this lease; not so for a copy, and not once detached.
+    /// Returns whether the publisher leaves a slot alone for this lease. `false` for a copy, and
+    /// once detached.
     pub fn holds_slot(&self) -> bool {
         self.permit.is_some()
     }
 
-    /// Where the message lies: [`Lease::len`] bytes, readable until the lease is dropped. Of any alignment.
+    /// Returns the address of the message: [`Lease::len`] bytes of any alignment, readable until the
+    /// lease is dropped.
     pub fn as_ptr(&self) -> *const u8 {
         match &self.place {
             Place::Mapped { pages, at } => pages
@@ -106,46 +136,49 @@ impl Lease {
         }
     }
 
-    /// The message.
+    /// Returns the message as a slice.
     ///
     /// # Safety
-    /// As long as the slice is used, no process writes into this slot and none shortens the file: all that may write it
-    /// keep to the protocol.
+    /// While the slice is used, no process writes into this slot and none shortens the file. That
+    /// is so when all processes that may write the file keep to the protocol.
     pub unsafe fn as_slice(&self) -> &[u8] {
-        // SAFETY: `len` bytes are readable as long as self is borrowed, and do not change by the caller's promise.
+        // SAFETY: `len` bytes are readable while self is borrowed, and do not change by the
+        // caller's promise.
         unsafe { std::slice::from_raw_parts(self.as_ptr(), self.len()) }
     }
 
     /// Copies the bytes from `at` on into `to`.
     ///
     /// # Panics
-    /// When the message has not that many.
+    /// Panics if the message ends before `at + to.len()`.
     pub fn read_at(&self, at: usize, to: &mut [u8]) {
         assert!(
             at <= self.len() && to.len() <= self.len() - at,
-            "{} bytes from {at} on of a message of {}",
-            to.len(),
-            self.len()
+            "expected a part inside the message of {} bytes, got: {} bytes from {at} on",
+            self.len(),
+            to.len()
         );
-        // SAFETY: the source has these bytes by the assertion, the destination is a slice of this process's own.
+        // SAFETY: the source has these bytes by the assertion, the destination is a slice of this
+        // process's own.
         unsafe { copy::out_of_shared(self.as_ptr().wrapping_add(at), to.as_mut_ptr(), to.len()) };
     }
 
-    /// A copy of the message.
+    /// Returns a copy of the message.
     pub fn to_vec(&self) -> Vec<u8> {
         let mut bytes = vec![0; self.len()];
         self.read_at(0, &mut bytes);
         bytes
     }
 
-    /// Gives the slot back to the publisher and keeps the bytes, at the same address: the pages under them are replaced by
-    /// private ones with the same content. For those who have handed the address out and cannot take it back, as runtimes
-    /// with garbage collection do. Does not count among the three leases any more.
+    /// Gives the slot back to the publisher and keeps the bytes, at the same address.
     ///
-    /// Costs a copy. Other threads may read the bytes meanwhile.
+    /// The pages under the bytes are replaced by private ones with the same content. For code that
+    /// has handed the address out and cannot take it back, as runtimes with garbage collection do.
+    /// Afterwards the lease does not count among the three any more. Detaching costs a copy. Other
+    /// threads may read the bytes meanwhile.
     ///
     /// # Errors
-    /// [`Error::Os`] when there is no memory; then the lease is as it was.
+    /// [`Error::Os`] when memory is short. The lease is then as it was.
     pub fn detach(&mut self) -> Result<(), Error> {
         if let Place::Mapped {
             pages: Some(pages),

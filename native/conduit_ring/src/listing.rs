@@ -1,4 +1,4 @@
-//! Which topics there are.
+//! Which topics exist.
 
 use std::os::unix::ffi::OsStrExt;
 use std::path::PathBuf;
@@ -7,22 +7,36 @@ use crate::error::Error;
 use crate::os;
 use crate::topic::{PREFIX, Topic, directory};
 
-/// What lies in `/dev/shm` under a topic's name or what should be one, by name. Nothing of it has been opened: whether it
-/// is a ring tells [`Info::read`](crate::Info::read).
+/// The topics of the machine, sorted by name.
+///
+/// A listing reads the directory and opens no file. Whether a file is a ring, and whether its
+/// publisher lives, says [`Info::read`](crate::Info::read).
+///
+/// ```
+/// use conduit_ring::{Info, Listing, Publisher, PublisherOptions, State, Topic};
+///
+/// # let name = format!("doc-listing-{}", std::process::id());
+/// let topic = Topic::new(&name)?;
+/// let _publisher = Publisher::open(&topic, &PublisherOptions::default())?;
+/// let listing = Listing::read()?;
+/// assert!(listing.topics.contains(&topic));
+/// assert_eq!(Info::read(&topic)?.state, State::Live);
+/// # Ok::<(), conduit_ring::Error>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Listing {
     /// The topics.
     pub topics: Vec<Topic>,
-    /// What begins as a segment's file does and goes on as no topic's name can ([`Topic::found`]).
+    /// Files whose name begins as a segment's does, and whose rest [`Topic::found`] refuses.
     pub misnamed: Vec<PathBuf>,
 }
 
 impl Listing {
-    /// Looks into the directory.
+    /// Reads the directory.
     ///
     /// # Errors
-    /// [`Error::Os`] when it cannot be read.
+    /// [`Error::Os`] when the directory cannot be read.
     pub fn read() -> Result<Listing, Error> {
         let directory = directory();
         let mut listing = Listing::default();
@@ -34,7 +48,7 @@ impl Listing {
         Ok(listing)
     }
 
-    /// `file_name` is `None` when it is no UTF-8.
+    /// `file_name` is `None` when it is not UTF-8.
     fn add(&mut self, file_name: Option<&str>, path: PathBuf) {
         let begins = |name: &[u8]| name.starts_with(PREFIX.as_bytes());
         if !path.file_name().is_some_and(|name| begins(name.as_bytes())) {
@@ -54,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_of_others_are_passed_over_and_misnamed_ones_are_told() {
+    fn files_of_others_are_skipped_and_misnamed_ones_are_listed() {
         let mut listing = Listing::default();
         for name in [
             "conduit_imu",

@@ -1,5 +1,5 @@
-//! `memory.rs` for loom: the same words and slots as loom's atomics, and a futex that cannot time out, so that a lost
-//! wake-up is a deadlock, which loom reports.
+//! The twin of `memory.rs` for loom: the same words and slots as loom's atomics, and a futex that
+//! cannot time out, so that a lost wake-up is a deadlock, which loom reports.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -87,7 +87,7 @@ impl Memory {
         }
     }
 
-    /// The kernel compares behind a full barrier, with its queue locked.
+    /// As the kernel does, it compares behind a full barrier, with its queue locked.
     pub(crate) fn futex_wait(&self, expected: u32, _timeout: Duration) {
         let mut sleepers = self.sleepers.lock().unwrap();
         fence(Ordering::SeqCst);

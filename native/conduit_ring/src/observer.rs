@@ -1,28 +1,33 @@
-//! One who watches a topic without taking part in it.
+//! A reader that takes no part in a topic.
 
 use std::fmt;
 use std::time::{Duration, Instant};
 
-use crate::attachment::Incarnation;
 use crate::backing::Role;
 use crate::content::ContentTag;
 use crate::error::Error;
 use crate::geometry::Geometry;
 use crate::options::{ObserverOptions, SubscriberOptions};
-use crate::outcome::{Read, Stats, Wait};
+use crate::outcome::{Incarnation, Read, Stats, Wait};
 use crate::subscriber::Subscriber;
 use crate::topic::Topic;
 
-/// The sleep after a message; it doubles until the next one, or until the longest.
+/// The sleep after a message. Each further one is twice as long, up to the longest.
 const SHORTEST_NAP: Duration = Duration::from_micros(100);
 
-/// Reads a topic as a [`Subscriber`](crate::Subscriber) does, with the same validation and across deaths of publishers,
-/// but without a trace: through a read-only mapping, without a reader slot. There may be any number of observers, they
-/// need no permission but to read, and a publisher spends nothing on them. For tools and recorders.
+/// A reader without a trace, for tools and recorders.
 ///
-/// The price: a publisher wakes those who sleep only if it knows of one. An observer cannot say that it sleeps, so a
-/// message wakes it at once when some subscriber waits too, or when the publisher is a legacy one; otherwise it looks
-/// by itself, 0.1 ms after a message and then in naps that double up to [`ObserverOptions::longest_nap`].
+/// An observer reads a topic as a [`Subscriber`] does: with the same validation, and through the
+/// lives of its publishers. But its mapping is read-only, and it takes no reader slot. So there may
+/// be any number of observers, they need no permission but to read, and a publisher spends nothing
+/// on them.
+///
+/// # When a message is noticed
+///
+/// A publisher wakes sleepers only if it knows of one, and an observer cannot say that it sleeps. A
+/// message wakes it at once when some subscriber waits too, or when the publisher is a legacy one.
+/// Otherwise the observer looks by itself: 0.1 ms after a message, and then in naps that double up
+/// to [`ObserverOptions::longest_nap`].
 ///
 /// ```
 /// use std::time::Duration;
@@ -48,10 +53,12 @@ pub struct Observer {
 }
 
 impl Observer {
-    /// Begins to watch a topic, which need not exist yet.
+    /// Starts to watch a topic, which need not exist yet.
     ///
     /// # Errors
-    /// [`Error::BadSegment`]; [`Error::Os`].
+    /// - [`Error::BadSegment`] when the file is not a ring that this version can read.
+    /// - [`Error::InvalidTrust`] when the list of trusted users is invalid.
+    /// - [`Error::Os`] when the operating system refuses.
     pub fn open(topic: &Topic, options: &ObserverOptions) -> Result<Observer, Error> {
         let reading = SubscriberOptions {
             start: options.start,
@@ -65,10 +72,11 @@ impl Observer {
         })
     }
 
-    /// As [`Subscriber::try_read`](crate::Subscriber::try_read).
+    /// Takes the next message, if there is one, into `buffer`, whose content it replaces. Never
+    /// waits.
     ///
     /// # Errors
-    /// As there.
+    /// As [`Subscriber::try_read`].
     pub fn try_read(&mut self, buffer: &mut Vec<u8>) -> Result<Read, Error> {
         let read = self.subscriber.try_read(buffer)?;
         if read != Read::Nothing {
@@ -77,7 +85,9 @@ impl Observer {
         Ok(read)
     }
 
-    /// Waits for the next message or change of the publisher and takes it. [`Read::Nothing`] when the time is up.
+    /// Waits for the next message or change of the publisher and takes it.
+    ///
+    /// Returns [`Read::Nothing`] when `timeout` has passed.
     ///
     /// # Errors
     /// As [`Observer::try_read`].
@@ -98,7 +108,7 @@ impl Observer {
         }
     }
 
-    /// Sleeps for a nap at most; without a publisher longer, since a new one wakes everybody.
+    /// Sleeps for a nap at most. Without a publisher it sleeps longer: a new one wakes all sleepers.
     fn wait(&mut self, left: Duration) -> Result<(), Error> {
         if !self.subscriber.publisher_up() {
             return self.subscriber.wait(left).map(drop);
@@ -109,32 +119,33 @@ impl Observer {
         Ok(())
     }
 
-    /// The topic.
+    /// Returns the topic.
     pub fn topic(&self) -> &Topic {
         self.subscriber.topic()
     }
 
-    /// Whether the topic had a live publisher when last looked at.
+    /// Returns whether the topic had a live publisher when it was last checked.
     pub fn publisher_up(&self) -> bool {
         self.subscriber.publisher_up()
     }
 
-    /// Which publisher the segment has, or had last, once there is one.
+    /// Returns which publisher the segment has, or had last. Returns `None` while the topic has no
+    /// segment.
     pub fn incarnation(&self) -> Option<Incarnation> {
         self.subscriber.incarnation()
     }
 
-    /// Number and length of the slots, once there is a segment.
+    /// Returns number and length of the slots, or `None` while the topic has no segment.
     pub fn geometry(&self) -> Option<Geometry> {
         self.subscriber.geometry()
     }
 
-    /// The encoding of the messages, once there is a segment.
+    /// Returns the encoding of the messages, or `None` while the topic has no segment.
     pub fn content(&self) -> Option<ContentTag> {
         self.subscriber.content()
     }
 
-    /// Counts of this observer's whole life.
+    /// Returns the counts of this observer's whole life.
     pub fn stats(&self) -> Stats {
         self.subscriber.stats()
     }

@@ -5,7 +5,6 @@ use std::time::Duration;
 use crate::content::ContentTag;
 use crate::delivery::{Policy, Start};
 use crate::geometry::Geometry;
-use crate::guarded::Guard;
 
 /// How a topic is published.
 ///
@@ -90,4 +89,25 @@ impl Default for ObserverOptions {
             longest_nap: Duration::from_millis(4),
         }
     }
+}
+
+/// Whether a topic is read in guarded mode: without ever touching memory that another process could
+/// take away.
+///
+/// A process that may write a topic's file may also shorten it. A process that then touches the
+/// missing part through a mapping is killed by SIGBUS. In guarded mode that is an error
+/// ([`Fault::Truncated`](crate::Fault::Truncated)).
+///
+/// Guarded reading has a price: a few system calls for each message, no message is held in its slot
+/// ([`Lease`](crate::Lease)s are copies), and the subscriber does not show among
+/// [`Info::readers`](crate::Info::readers).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Guard {
+    /// Guarded when the file belongs to a user who is not trusted: see [`trust`](crate::trust).
+    #[default]
+    Auto,
+    /// Always guarded.
+    Always,
+    /// Never guarded. The owner of the file is trusted, whoever it is.
+    Never,
 }

@@ -77,3 +77,35 @@ pub struct Stats {
     /// damages the segment.
     pub resyncs: u64,
 }
+
+/// Which publisher a segment has, or had last.
+///
+/// Two publishers of a topic never have the same value, so that a change of it shows that a
+/// publisher was replaced, however fast that went.
+///
+/// ```
+/// use conduit_ring::{Publisher, PublisherOptions, Subscriber, SubscriberOptions, Topic};
+///
+/// # let name = format!("doc-incarnation-{}", std::process::id());
+/// let topic = Topic::new(&name)?;
+/// let first = Publisher::open(&topic, &PublisherOptions::default())?;
+/// let subscriber = Subscriber::open(&topic, &SubscriberOptions::default())?;
+/// let before = subscriber.incarnation().expect("the topic has a segment");
+/// first.abandon();
+/// let _second = Publisher::open(&topic, &PublisherOptions::default())?;
+/// let after = subscriber.incarnation().expect("the topic has a segment");
+/// assert_eq!(after.instance_id, before.instance_id);
+/// assert_eq!(after.epoch, before.epoch + 1);
+/// # Ok::<(), conduit_ring::Error>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Incarnation {
+    /// Random number of the sequence of messages; 0 if the segment has no extension.
+    pub instance_id: u64,
+    /// How many takeovers there were before this publisher, and how many times the segment was
+    /// made anew.
+    pub epoch: u32,
+    /// The publisher's process; 0 if the segment has no extension.
+    pub pid: u32,
+}

@@ -1,8 +1,9 @@
-//! What /proc tells of who has segments mapped.
+//! Which processes have a segment mapped, as `/proc` shows it.
 //!
-//! Of our own peers locks tell who lives. Legacy peers hold none: that a publisher of theirs is dead is known only when no
-//! process has its file mapped but readers of ours. Processes that may not be looked at (on most machines some daemons may
-//! not) count as not having it: a publisher among them shows by its next message.
+//! Locks show which peers of this crate live. Legacy peers hold none. Their publisher is known to be
+//! dead only when no process has its file mapped but readers of this crate. A process that may not
+//! be inspected (on most machines some daemons may not) counts as not having it mapped: a publisher
+//! among them shows itself by its next message.
 
 use std::collections::HashMap;
 
@@ -18,11 +19,11 @@ use crate::topic::{PREFIX, Topic, directory};
 struct Mapped {
     writable: bool,
     file: FileId,
-    /// As the kernel shows it.
+    /// The path as the kernel shows it.
     path: String,
 }
 
-/// A process that goes on with a segment whose name was removed.
+/// A process that uses a segment whose name was removed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Nameless {
@@ -32,8 +33,20 @@ pub struct Nameless {
     pub topic: Topic,
 }
 
-/// The processes, as far as they can be seen, that publish in segments whose names were removed or given to other files.
-/// Nobody finds such a topic any more. Legacy peers with a removed segment are among them, be they publishers or readers.
+/// Returns the processes that publish in segments whose names were removed or given to other files,
+/// as far as they can be seen.
+///
+/// No subscriber finds such a topic any more. Legacy peers with a removed segment are among them,
+/// publishers and readers alike. A publisher of this crate gets its name back by itself, and is
+/// among them for less than a second.
+///
+/// ```
+/// use conduit_ring::nameless_publishers;
+///
+/// for nameless in nameless_publishers() {
+///     println!("process {} publishes a lost topic: {}", nameless.pid, nameless.topic.name());
+/// }
+/// ```
 pub fn nameless_publishers() -> Vec<Nameless> {
     let mut found = Vec::new();
     for pid in os::process_ids() {
@@ -50,8 +63,9 @@ pub fn nameless_publishers() -> Vec<Nameless> {
     found
 }
 
-/// A process that has a legacy segment mapped as its publisher would have; the one that had it when last looked is looked at
-/// first. `own` is a line that is held through this very segment.
+/// Returns a process that has a legacy segment mapped as its publisher would. The process that had
+/// it mapped at the last search is looked at first. `own` is a reader slot that is held through this
+/// very segment.
 pub(crate) fn legacy_peer(
     segment: &Segment,
     source: &impl Source,
@@ -70,7 +84,8 @@ pub(crate) fn legacy_peer(
         .or_else(|| os::process_ids().into_iter().find(is_peer))
 }
 
-/// Whether another process has a segment open and not mapped, as a legacy publisher has that is just about to use it.
+/// Returns whether another process has a segment open and not mapped, as a legacy publisher has it
+/// that is about to use it.
 pub(crate) fn is_about_to_be_mapped(segment: &Segment) -> bool {
     let Ok(file) = segment.id() else {
         return false;
@@ -85,7 +100,7 @@ pub(crate) fn is_about_to_be_mapped(segment: &Segment) -> bool {
         .any(|pid| pid != own && !has_mapped(pid) && os::open_file_of(pid, file).is_some())
 }
 
-/// How many readers of ours live in each process.
+/// Returns how many readers of this crate live in each process.
 fn native_readers(
     segment: &Segment,
     source: &impl Source,
@@ -109,7 +124,7 @@ fn is_published(segment: &Segment) -> bool {
         .unwrap_or(false)
 }
 
-/// The topic of a path that the kernel shows as removed.
+/// Returns the topic of a path that the kernel shows as removed.
 fn removed_topic(path: &str) -> Option<Topic> {
     let name = path.strip_suffix(" (deleted)")?;
     let name = name
@@ -118,12 +133,12 @@ fn removed_topic(path: &str) -> Option<Topic> {
     Topic::found(name.strip_prefix(PREFIX)?).ok()
 }
 
-/// A line of /proc/PID/maps, if it is of a writable shared mapping of a file.
+/// Parses a line of /proc/PID/maps that is a writable shared mapping of a file.
 fn writable_mapping(line: &str) -> Option<Mapped> {
     mapping(line).filter(|mapped| mapped.writable)
 }
 
-/// A line of /proc/PID/maps, if it is of a shared mapping of a file.
+/// Parses a line of /proc/PID/maps that is a shared mapping of a file.
 fn mapping(line: &str) -> Option<Mapped> {
     let mut fields = line.splitn(6, ' ');
     let access = fields.nth(1)?;
@@ -145,7 +160,8 @@ fn mapping(line: &str) -> Option<Mapped> {
 mod tests {
     use super::*;
 
-    const LINE: &str = "7f64a1c00000-7f64a1c11000 rw-s 00000000 00:1b 4711                       /dev/shm/conduit_imu";
+    const LINE: &str = "7f64a1c00000-7f64a1c11000 rw-s 00000000 00:1b 4711      \
+                        /dev/shm/conduit_imu";
 
     #[test]
     fn a_line_of_a_writable_shared_mapping_tells_its_file() {
@@ -164,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn other_lines_are_passed_over() {
+    fn other_lines_are_skipped() {
         for access in ["r--s", "rw-p", "---p", "x"] {
             assert_eq!(writable_mapping(&LINE.replace("rw-s", access)), None);
         }

@@ -1,7 +1,25 @@
-//! Reading with validation: a message is delivered whole and as it was published, or counted as lost.
+//! Reading with validation: a message is delivered whole and as it was published, or counted as
+//! lost.
 //!
-//! The cursor and the geometry are private. A message is copied first and validated afterwards: if the writer may have
-//! begun to overwrite the slot by the end of the copy, the copy is dropped. The orders are told in `writer.rs`.
+//! ```text
+//!              ┌──────────────── cursor == write_idx: nothing
+//!   search ────┤
+//!     ▲        ├──────────────── cursor >  write_idx: resynchronise, counted
+//!     │        │
+//!     │        └─► too far behind? lose the oldest ─► read length and time
+//!     │                                                    │
+//!     │                       impossible, passed over, or  │
+//!     ├── lose one ◄────────── overwritten already ────────┤
+//!     │                                                    ▼
+//!     │                                             copy the payload
+//!     │                                                    │
+//!     └── lose one ◄── not whole ── acquire fence, validate┴── whole ──► deliver
+//! ```
+//!
+//! Cursor and geometry are private, so that no number of the shared memory is read twice and
+//! trusted. A message is copied first and validated afterwards. If the writer may have begun to
+//! overwrite the slot by the end of the copy, the copy is dropped. `writer.rs` explains the
+//! memory orders.
 
 use crate::delivery::{Meta, Policy, Start};
 use crate::layout::{
@@ -14,27 +32,28 @@ use crate::sink::Sink;
 use crate::source::{Source, SourceSlot, published};
 use crate::sync::{Ordering, fence};
 
-/// How a writer shows that it is overwriting a slot.
+/// How the publisher of a segment shows that it is overwriting a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Dialect {
-    /// By `write_intent`.
+    /// It stores `write_intent` first. All slots are usable.
     Native,
-    /// By nothing but `write_idx`; a full barrier separates its messages.
+    /// It shows nothing but `write_idx`, so that the slot behind the newest message is never
+    /// usable. Its wake-up call, a full barrier, separates its messages.
     Legacy,
 }
 
-/// A private cursor over a segment.
+/// A private cursor over a segment, and the count of what it lost.
 pub(crate) struct Reader {
     cursor: u64,
     dialect: Dialect,
-    /// Lost since the message delivered last.
+    /// Messages lost since the last delivery.
     lost: u64,
     lost_total: u64,
     resyncs: u64,
 }
 
 impl Reader {
-    /// A reader that begins as `start` says.
+    /// Makes a reader that begins with the messages that `start` asks for.
     pub(crate) fn begin(source: &impl Source, dialect: Dialect, start: Start) -> Reader {
         let published = published(source);
         let oldest = published - safe(source, dialect).min(published);
@@ -52,7 +71,8 @@ impl Reader {
         }
     }
 
-    /// A reader that has had every message before `cursor`, and has lost some since its last delivery.
+    /// Makes a reader that has seen every message before `cursor`, and has lost some of them since
+    /// its last delivery.
     pub(crate) fn resume(dialect: Dialect, cursor: u64, lost: u64) -> Reader {
         Reader {
             cursor,
@@ -63,6 +83,7 @@ impl Reader {
         }
     }
 
+    /// Returns the sequence number of the next message to look at.
     pub(crate) fn cursor(&self) -> u64 {
         self.cursor
     }
@@ -79,13 +100,15 @@ impl Reader {
         self.resyncs
     }
 
-    /// Whether [`Reader::next`] has something to look at.
+    /// Returns whether [`Reader::next`] has something to look at.
     pub(crate) fn has_news(&self, source: &impl Source) -> bool {
         published(source) != self.cursor
     }
 
-    /// Delivers the next message into the sink. It gives up, for this time, after as many invalid ones as there are
-    /// slots: a broken writer cannot keep it here.
+    /// Delivers the next message into the sink.
+    ///
+    /// After as many invalid messages as there are slots it returns `None`, so that a broken
+    /// writer cannot keep it here.
     #[inline]
     pub(crate) fn next(
         &mut self,
@@ -96,8 +119,8 @@ impl Reader {
         self.search(source, policy, |reader| reader.take(source, sink))
     }
 
-    /// As [`Reader::next`], with a way of one's own to take the message at the cursor: by [`Reader::take`] or
-    /// [`Reader::take_pinned`].
+    /// As [`Reader::next`], with the caller's way of taking the message at the cursor: by
+    /// [`Reader::take`] or [`Reader::take_pinned`].
     #[inline]
     pub(crate) fn search<T>(
         &mut self,
@@ -121,7 +144,7 @@ impl Reader {
         None
     }
 
-    /// Moves the cursor to the oldest message that may be read; `false` when there is none.
+    /// Moves the cursor to the oldest message that may be read. Returns `false` when there is none.
     #[inline]
     fn catch_up(&mut self, source: &impl Source, published: u64, policy: Policy) -> bool {
         if self.cursor > published {
@@ -137,6 +160,7 @@ impl Reader {
         safe > 0
     }
 
+    /// Counts the next `count` messages as lost.
     #[inline]
     fn lose(&mut self, count: u64) {
         self.cursor = self.cursor.wrapping_add(count);
@@ -144,7 +168,7 @@ impl Reader {
         self.lost_total = self.lost_total.saturating_add(count);
     }
 
-    /// Copies the message at the cursor; `None` when it cannot be trusted.
+    /// Copies the message at the cursor. Returns `None` when it cannot be trusted.
     #[inline]
     pub(crate) fn take(&mut self, source: &impl Source, sink: &mut impl Sink) -> Option<Meta> {
         let slot = source.slot(self.cursor);
@@ -153,7 +177,7 @@ impl Reader {
         if !self.is_message(source, len, timestamp_ns) || self.is_overwritten(source) {
             return None;
         }
-        // SAFETY: the sink gives room for `len` bytes.
+        // SAFETY: the sink gave room for `len` bytes.
         unsafe { slot.read_payload(sink.room(len), len) };
         if !self.is_whole(source, &slot) {
             return None;
@@ -161,11 +185,13 @@ impl Reader {
         Some(self.deliver(timestamp_ns, len))
     }
 
-    /// Pins the message at the cursor where it lies; `None`, and no pin, when it cannot be trusted. A writer that looks at
-    /// pins leaves the slot alone until the pin is taken away.
+    /// Pins the message at the cursor in its slot. Returns `None`, and sets no pin, when the message
+    /// cannot be trusted. A writer that looks at pins leaves the slot alone until the pin is
+    /// cleared.
     pub(crate) fn take_pinned(&mut self, memory: &Memory, pin: At64) -> Option<Meta> {
         pins::pin(memory, pin, self.cursor);
-        // From here on the payload does not change, if this message is still there. The header may: see `pins.rs`.
+        // From here on the payload does not change, if this message is still there. The header
+        // may: see `pins.rs`.
         let slot = memory.slot(self.cursor);
         let len = slot.load(SLOT_LEN) as usize;
         let timestamp_ns = long(&slot, SLOT_TIME_LO, SLOT_TIME_HI);
@@ -176,13 +202,15 @@ impl Reader {
         Some(self.deliver(timestamp_ns, len))
     }
 
-    /// Whether a slot's header can be that of a message: the length fits, and the number was not passed over.
+    /// Returns whether a slot's header can be that of a message: the length fits, and the number
+    /// was not passed over.
     #[inline]
     fn is_message(&self, source: &impl Source, len: usize, timestamp_ns: u64) -> bool {
         let passed_over = self.dialect == Dialect::Native && is_passed_over(len, timestamp_ns);
         len <= source.geometry().capacity() && !passed_over
     }
 
+    /// Moves the cursor behind the message and reports the losses before it.
     #[inline]
     fn deliver(&mut self, timestamp_ns: u64, len: usize) -> Meta {
         let meta = Meta {
@@ -196,17 +224,21 @@ impl Reader {
         meta
     }
 
-    /// Whether all that was read of the slot up to now belongs to the message at the cursor.
+    /// Returns whether all bytes that were read of the slot so far belong to the message at the
+    /// cursor.
     #[inline]
     fn is_whole(&self, source: &impl Source, slot: &impl SourceSlot) -> bool {
         let sequence = long(slot, SLOT_SEQ_LO, SLOT_SEQ_HI);
-        // Acquire: meets the release fence in Writer::begin.
+        // Acquire: pairs with the release fence in Writer::poison. If any byte read before was of
+        // a later message, the loads behind this fence see that message's intent.
         fence(Ordering::Acquire);
         sequence == self.cursor && !self.is_overwritten(source)
     }
 
-    /// Whether the writer, as far as is known here, has begun to write a later message into the cursor's slot (or has
-    /// never published the cursor's message by the extension's rules).
+    /// Returns whether the writer may have begun to write a later message into the cursor's slot,
+    /// or has never published the cursor's message.
+    ///
+    /// Relaxed: the acquire fence in `is_whole` orders the load behind the copy.
     #[inline]
     fn is_overwritten(&self, source: &impl Source) -> bool {
         let slots = u64::from(source.geometry().slot_count());
@@ -223,7 +255,7 @@ impl Reader {
     }
 }
 
-/// How far behind a reader may be and still find its message whole.
+/// Returns how far behind a reader may be and still find its message whole.
 #[inline]
 fn safe(source: &impl Source, dialect: Dialect) -> u64 {
     let slots = u64::from(source.geometry().slot_count());
@@ -233,9 +265,8 @@ fn safe(source: &impl Source, dialect: Dialect) -> u64 {
     }
 }
 
-/// The newest number from `oldest` on that a message seems to have; `oldest` if none does. A writer that passes a held slot
-/// over has published nothing newer yet.
-#[inline]
+/// Returns the newest number from `oldest` on that seems to have a message, or `oldest` if none
+/// does. A writer that passes over a held slot has published a number without a message.
 fn newest(source: &impl Source, oldest: u64, published: u64) -> u64 {
     let mut newest = published.saturating_sub(1).max(oldest);
     while newest > oldest && seems_passed_over(source, newest) {
@@ -252,7 +283,7 @@ fn seems_passed_over(source: &impl Source, sequence: u64) -> bool {
     )
 }
 
-/// Whether a slot has a number and no message.
+/// Returns whether a slot has a number and no message.
 #[inline]
 fn is_passed_over(len: usize, timestamp_ns: u64) -> bool {
     len == 0 && timestamp_ns == NO_MESSAGE

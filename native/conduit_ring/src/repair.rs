@@ -1,5 +1,11 @@
-//! What a person's tool may set right in the files that kills have left. Nothing here is needed for the ring to work:
-//! publishers and subscribers repair what is in their way.
+//! Repairs of the files that crashes left, for a person's tool.
+//!
+//! The ring needs none of them: publishers and subscribers repair by themselves whatever stands in
+//! their way. These functions remove leftovers of topics that are no longer used, and answer the
+//! questions of `ganglion doctor`.
+//!
+//! Each one touches a file only under the publisher's lock, or under a dead reader's lock, and only
+//! when no process uses it.
 
 use crate::attach;
 use crate::claim;
@@ -14,27 +20,31 @@ use crate::takeover;
 use crate::topic::Topic;
 use crate::trust;
 
-/// What became of a repair.
+/// The result of a repair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Repair {
-    /// It was made.
+    /// The repair was made.
     Made,
     /// There is nothing to repair any more.
     NotNeeded,
-    /// A publisher lives: nothing was touched.
+    /// A publisher lives. Nothing was touched.
     PublisherAlive,
-    /// A process has the file open or mapped, or it cannot be known: nothing was touched.
+    /// A process has the file open or mapped, or that cannot be known. Nothing was touched.
     InUse,
-    /// The file is none of ours, as far as can be told: nothing was touched.
+    /// The file is not a ring of this crate, as far as can be seen. Nothing was touched.
     NotARing,
 }
 
-/// Takes back the reader slots of those who died and tells how many these were. Live topics are no exception: a slot is
-/// taken back under its lock, as each new subscriber does.
+/// Takes back the reader slots of readers that died, and returns how many there were.
+///
+/// Live topics are no exception: a slot is taken back under its lock, as each new subscriber does.
 ///
 /// # Errors
-/// [`Error::NoTopic`], [`Error::BadSegment`], [`Error::Os`].
+/// - [`Error::NoTopic`] when the topic does not exist.
+/// - [`Error::BadSegment`] when the file is not a ring that this version can read.
+/// - [`Error::ForeignOwner`] when the file belongs to a user who is not trusted.
+/// - [`Error::Os`] when the operating system refuses.
 pub fn reclaim_readers(topic: &Topic) -> Result<usize, Error> {
     let leaked = |info: Info| info.readers.iter().filter(|reader| !reader.alive).count();
     let before = leaked(Info::read(topic)?);
@@ -46,11 +56,13 @@ pub fn reclaim_readers(topic: &Topic) -> Result<usize, Error> {
     Ok(before.saturating_sub(leaked(Info::read(topic)?)))
 }
 
-/// Whether a topic was made by a legacy publisher that is dead: no process has it mapped, as far as can be seen, but readers
-/// of this crate's.
+/// Returns whether a legacy publisher that is dead made a topic: no process has it mapped, as far
+/// as can be seen, but readers of this crate.
 ///
 /// # Errors
-/// [`Error::NoTopic`], [`Error::BadSegment`], [`Error::Os`].
+/// - [`Error::NoTopic`] when the topic does not exist.
+/// - [`Error::BadSegment`] when the file is not a ring that this version can read.
+/// - [`Error::Os`] when the operating system refuses.
 pub fn is_left_by_legacy_publisher(topic: &Topic) -> Result<bool, Error> {
     let segment = attach::open_file(topic, Access::Read)?.ok_or_else(|| Error::NoTopic {
         path: topic.path().to_owned(),
@@ -59,11 +71,28 @@ pub fn is_left_by_legacy_publisher(topic: &Topic) -> Result<bool, Error> {
     Ok(header.origin == Origin::Legacy && takeover::is_left_by_legacy(topic, header)?)
 }
 
-/// Removes the file of a topic whose publisher is dead and that no process has open. A damaged one goes too if it shows
-/// that it was a ring once, or never became anything: a header of zeros.
+/// Removes the file of a topic whose publisher is dead and that no process has open.
+///
+/// A damaged file is removed too if it shows that it was a ring once, or if its header is all zeros
+/// and so was never filled.
+///
+/// ```
+/// use conduit_ring::repair::{Repair, remove_abandoned};
+/// use conduit_ring::{Publisher, PublisherOptions, Topic};
+///
+/// # let name = format!("doc-repair-{}", std::process::id());
+/// let topic = Topic::new(&name)?;
+/// let publisher = Publisher::open(&topic, &PublisherOptions::default())?;
+/// assert_eq!(remove_abandoned(&topic)?, Repair::PublisherAlive);
+/// publisher.abandon(); // as if it had been killed
+/// assert_eq!(remove_abandoned(&topic)?, Repair::Made);
+/// assert_eq!(remove_abandoned(&topic)?, Repair::NotNeeded);
+/// # Ok::<(), conduit_ring::Error>(())
+/// ```
 ///
 /// # Errors
-/// [`Error::Os`]; [`Error::BadSegment`] for what is no regular file.
+/// - [`Error::BadSegment`] when the name leads to a directory, a device or the like.
+/// - [`Error::Os`] when the operating system refuses.
 pub fn remove_abandoned(topic: &Topic) -> Result<Repair, Error> {
     with_abandoned(topic, |segment| {
         if !was_ours(topic, segment)? {
@@ -76,11 +105,15 @@ pub fn remove_abandoned(topic: &Topic) -> Result<Repair, Error> {
     })
 }
 
-/// Clears the bits of legacy readers in a topic whose publisher is dead and that no process has open: only then is it
-/// certain that they are dead, since they hold no lock.
+/// Clears the bits of legacy readers in a topic whose publisher is dead and that no process has
+/// open.
+///
+/// Legacy readers hold no lock, so that only such a topic shows that they are dead.
 ///
 /// # Errors
-/// [`Error::BadSegment`], [`Error::Os`].
+/// - [`Error::BadSegment`] when the file is not a ring that this version can read.
+/// - [`Error::ForeignOwner`] when the file belongs to a user who is not trusted.
+/// - [`Error::Os`] when the operating system refuses.
 pub fn clear_legacy_readers(topic: &Topic) -> Result<Repair, Error> {
     with_abandoned(topic, |segment| {
         trust::require(topic, segment)?;
@@ -93,7 +126,7 @@ pub fn clear_legacy_readers(topic: &Topic) -> Result<Repair, Error> {
         let legacy = ReaderSlot::all()
             .filter(|&reader_slot| !claim::is_native_claim(&memory, reader_slot))
             .fold(0, |bits, reader_slot| bits | reader_slot.bit());
-        // Release: as in claim::clear.
+        // Release: as in claim::clear, for a legacy reader that claims the bit next.
         let before = memory.u32(SUBSCRIBER_MASK).fetch_and(!legacy, Release);
         Ok(match before & legacy {
             0 => Repair::NotNeeded,
@@ -102,7 +135,7 @@ pub fn clear_legacy_readers(topic: &Topic) -> Result<Repair, Error> {
     })
 }
 
-/// Does something to a file that nobody has any more, and that no publisher can take while it is done.
+/// Runs a repair on a file that no process uses, and that no publisher can take meanwhile.
 fn with_abandoned(
     topic: &Topic,
     repair: impl FnOnce(&Segment) -> Result<Repair, Error>,
@@ -114,7 +147,8 @@ fn with_abandoned(
     if segment.is_locked(PUBLISHER_LOCK).map_err(os("lock"))? {
         return Ok(Repair::PublisherAlive);
     }
-    // Asked before the lock is taken as well, which those who have the file open would take for a publisher.
+    // This is checked before the lock is taken, too: a process that has the file open would take
+    // the lock for a publisher's.
     if !segment.is_unused() {
         return Ok(Repair::InUse);
     }
@@ -130,7 +164,7 @@ fn with_abandoned(
     repair(&segment)
 }
 
-/// Whether a file is a ring, or a damaged one, or one that was never filled.
+/// Returns whether a file is a ring, or a damaged one, or one that was never filled.
 fn was_ours(topic: &Topic, segment: &Segment) -> Result<bool, Error> {
     let len = segment.len().map_err(Error::os("stat", topic.path()))?;
     let wanted = len.min(HEADER_LEN as u64) as usize;
@@ -146,7 +180,7 @@ fn is_ours(head: &[u8; HEADER_LEN], len: u64) -> bool {
     let magic = &fixed[MAGIC.offset()..MAGIC.offset() + 4];
     match Header::decode(fixed, len) {
         Ok(_) | Err(Fault::Truncated) => true,
-        // Whose a later version's file is, a later version knows.
+        // A later version of this crate decides about its own files.
         Err(Fault::Version) => false,
         Err(_) => magic == EXT_MAGIC.to_le_bytes() || head.iter().all(|&byte| byte == 0),
     }

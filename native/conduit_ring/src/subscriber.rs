@@ -3,7 +3,7 @@
 use std::fmt;
 use std::time::{Duration, Instant};
 
-use crate::attachment::{Attachment, Incarnation};
+use crate::attachment::Attachment;
 use crate::backing::Role;
 use crate::content::ContentTag;
 use crate::delivery::Policy;
@@ -11,7 +11,7 @@ use crate::error::Error;
 use crate::geometry::Geometry;
 use crate::lease::Lease;
 use crate::options::SubscriberOptions;
-use crate::outcome::{Read, Received, Stats, Wait};
+use crate::outcome::{Incarnation, Read, Received, Stats, Wait};
 use crate::sink::{IntoNew, IntoVec};
 use crate::subscription::{Change, Step, Subscription};
 use crate::topic::Topic;

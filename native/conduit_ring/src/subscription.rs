@@ -3,7 +3,7 @@
 //!
 //! ```text
 //!                                    open
-//!                 a live segment      │      none
+//!         a segment in state live     │      none
 //!             ┌───────────────────────┴───────────────────┐
 //!             ▼                                           ▼
 //!   ┌───────────────────┐   a live segment appears  ┌───────────┐

@@ -1,4 +1,4 @@
-//! The name of a ring.
+//! The name of a topic, and the file that it stands for.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -6,17 +6,18 @@ use std::sync::OnceLock;
 
 use crate::error::Error;
 
-/// Where segments live, unless the environment says otherwise.
+/// The directory of segments, unless the environment names another one.
 const SHARED_MEMORY: &str = "/dev/shm";
-/// The variable that names another directory: topics there and those of the rest of the machine do not meet.
+/// The variable that names another directory. Topics there are separate from those of the rest of
+/// the machine.
 const DIRECTORY_VARIABLE: &str = "CONDUIT_RING_DIR";
-/// What the name of a segment begins with.
+/// The start of a segment's file name.
 pub(crate) const PREFIX: &str = "conduit_";
 const MAX_LEN: usize = 200;
-/// Bytes of a file's name behind the prefix.
+/// The longest name behind the prefix that a file can have, in bytes.
 const MAX_FOUND_LEN: usize = 255 - PREFIX.len();
 
-/// Where this process's segments live.
+/// Returns the directory of this process's segments.
 pub(crate) fn directory() -> &'static Path {
     static DIRECTORY: OnceLock<PathBuf> = OnceLock::new();
     DIRECTORY.get_or_init(|| named(std::env::var_os(DIRECTORY_VARIABLE)))
@@ -29,8 +30,14 @@ fn named(directory: Option<OsString>) -> PathBuf {
     }
 }
 
-/// A checked topic name, which can name nothing but a segment: `[A-Za-z0-9_.-]{1,200}`, or whatever a publisher of other
-/// rules has called its topic ([`Topic::found`]).
+/// A checked topic name, which can name nothing but a segment.
+///
+/// [`Topic::new`] accepts `[A-Za-z0-9_.-]{1,200}`: these are the names that a
+/// [`Publisher`](crate::Publisher) may make. [`Topic::found`] accepts whatever name a publisher with
+/// other rules has used.
+///
+/// The file lies in `/dev/shm`, or in the directory that the variable `CONDUIT_RING_DIR` of the
+/// environment names.
 ///
 /// ```
 /// let topic = conduit_ring::Topic::new("imu")?;
@@ -45,7 +52,10 @@ pub struct Topic {
 }
 
 impl Topic {
-    /// Checks a name; [`Error::InvalidTopic`] says what was given and what is accepted.
+    /// Checks a name.
+    ///
+    /// # Errors
+    /// [`Error::InvalidTopic`], whose text says what is accepted and what was given.
     pub fn new(name: &str) -> Result<Topic, Error> {
         let accepted = (1..=MAX_LEN).contains(&name.len()) && name.bytes().all(is_allowed);
         if !accepted {
@@ -56,8 +66,10 @@ impl Topic {
         Ok(Topic::of(name))
     }
 
-    /// Checks the name of a topic that others made: any characters but control characters and `/`, as far as a file can be
-    /// called so. For reading; a [`Publisher`](crate::Publisher) makes topics by the rules of [`Topic::new`] only.
+    /// Checks the name of a topic that a publisher with other rules made.
+    ///
+    /// It accepts any characters but control characters and `/`, as far as a file can have the name.
+    /// For reading: a [`Publisher`](crate::Publisher) refuses a name that [`Topic::new`] refuses.
     ///
     /// ```
     /// use conduit_ring::Topic;
@@ -68,7 +80,7 @@ impl Topic {
     /// ```
     ///
     /// # Errors
-    /// [`Error::InvalidTopic`].
+    /// [`Error::InvalidTopic`] when no file of the directory can have the name.
     pub fn found(name: &str) -> Result<Topic, Error> {
         let accepted = (1..=MAX_FOUND_LEN).contains(&name.len())
             && !name.chars().any(|c| c == '/' || c.is_control());
@@ -86,12 +98,12 @@ impl Topic {
         }
     }
 
-    /// The name as given.
+    /// Returns the name as given.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The segment's file.
+    /// Returns the path of the segment's file.
     pub fn path(&self) -> &Path {
         &self.path
     }

@@ -1,12 +1,22 @@
-//! Whose files are mapped.
+//! Which users' files are mapped.
 //!
-//! Whoever owns a file can shorten it at any moment, which is SIGBUS for all who have it mapped. `/dev/shm` is open to all
-//! users of a machine, so that anyone can make a file of a topic's name. Hence a file of another user is never mapped: nobody
-//! publishes into it, and it is read by `pread` alone. Programs that run as users of their own name each other here.
+//! The owner of a file can shorten it at any moment, and every process that has it mapped then gets
+//! SIGBUS. `/dev/shm` is open to all users of a machine, so that any of them can make a file with a
+//! topic's name. Hence a stranger's file is never mapped: publishers refuse it
+//! ([`Error::ForeignOwner`]), and subscribers read it by `pread` alone ([`Guard`](crate::Guard)).
+//! Programs that run as users of their own name each other here.
 //!
-//! Trusted are this process's own user, and the users and groups that [`Trusted::apply`] or else the environment lists:
-//! `CONDUIT_RING_TRUSTED_UIDS` and `CONDUIT_RING_TRUSTED_GIDS`, numbers or names with commas between. They are not read by a
-//! program that was started with more rights than its user has (setuid).
+//! Three sources decide about a file, in this order:
+//!
+//! 1. The file of the process's own user is trusted.
+//! 2. After [`Trusted::apply`], the users and groups that it was given, and no others.
+//! 3. Otherwise those that the environment lists in `CONDUIT_RING_TRUSTED_UIDS` and
+//!    `CONDUIT_RING_TRUSTED_GIDS`: numbers or names, separated by commas. A program that was started
+//!    with more rights than its user has (setuid) does not read them.
+//!
+//! ```sh
+//! CONDUIT_RING_TRUSTED_UIDS=vision,camera my_program
+//! ```
 
 use std::path::Path;
 use std::sync::{PoisonError, RwLock};
@@ -15,15 +25,15 @@ use crate::error::Error;
 use crate::os::{self, FileOwner, Segment};
 use crate::topic::{Topic, directory};
 
-/// The variable of the environment that lists users.
+/// The variable of the environment that lists trusted users.
 pub const USERS_VARIABLE: &str = "CONDUIT_RING_TRUSTED_UIDS";
-/// The variable of the environment that lists groups.
+/// The variable of the environment that lists trusted groups.
 pub const GROUPS_VARIABLE: &str = "CONDUIT_RING_TRUSTED_GIDS";
 
 const USERS_FILE: &str = "/etc/passwd";
 const GROUPS_FILE: &str = "/etc/group";
 
-/// Users and groups whose files are treated as one's own.
+/// Users and groups whose files are treated as the process's own.
 ///
 /// ```
 /// use conduit_ring::trust::Trusted;
@@ -38,18 +48,20 @@ const GROUPS_FILE: &str = "/etc/group";
 pub struct Trusted {
     /// User numbers.
     pub users: Vec<u32>,
-    /// Group numbers. A file counts by its group, unless the directory gives its own group to all files.
+    /// Group numbers. A file counts by its group, unless the directory gives its own group to all
+    /// files: then the group says nothing about who made the file.
     pub groups: Vec<u32>,
 }
 
-/// What [`Trusted::apply`] was given last, for the whole process.
+/// The list that [`Trusted::apply`] was given last, for the whole process.
 static APPLIED: RwLock<Option<Trusted>> = RwLock::new(None);
 
 impl Trusted {
-    /// Reads two lists of numbers or names with commas between.
+    /// Parses two lists of numbers or names, separated by commas.
     ///
     /// # Errors
-    /// [`Error::InvalidTrust`] for what is neither a number nor a name that this machine knows.
+    /// [`Error::InvalidTrust`] for an entry that is neither a number nor a name that this machine
+    /// knows.
     pub fn parse(users: &str, groups: &str) -> Result<Trusted, Error> {
         Ok(Trusted {
             users: numbers(users, "user", USERS_FILE)?,
@@ -57,7 +69,7 @@ impl Trusted {
         })
     }
 
-    /// What the environment lists.
+    /// Returns the users and groups that the environment lists.
     ///
     /// # Errors
     /// As [`Trusted::parse`].
@@ -69,7 +81,8 @@ impl Trusted {
         Trusted::parse(&list(USERS_VARIABLE), &list(GROUPS_VARIABLE))
     }
 
-    /// Trusts these, and no longer those that the environment lists, in all of this process from now on.
+    /// Trusts these users and groups from now on, in all of this process, and no longer those that
+    /// the environment lists.
     pub fn apply(self) {
         *APPLIED.write().unwrap_or_else(PoisonError::into_inner) = Some(self);
     }
@@ -85,7 +98,14 @@ impl Trusted {
     }
 }
 
-/// The name of a user, if this machine knows one.
+/// Returns the name of a user, if this machine knows one.
+///
+/// ```
+/// use conduit_ring::trust::user_name;
+///
+/// assert_eq!(user_name(0).as_deref(), Some("root"));
+/// assert_eq!(user_name(4_000_000_000), None);
+/// ```
 pub fn user_name(user: u32) -> Option<String> {
     let users = os::text_of(Path::new(USERS_FILE));
     let mut entries = users.lines().filter_map(entry);
@@ -94,13 +114,13 @@ pub fn user_name(user: u32) -> Option<String> {
         .map(|(name, _)| name.to_owned())
 }
 
-/// Whether a file belongs to someone who is not trusted.
+/// Returns whether a file belongs to a user who is not trusted.
 pub(crate) fn is_foreign(topic: &Topic, segment: &Segment) -> Result<bool, Error> {
     let owner = segment.owner().map_err(Error::os("stat", topic.path()))?;
     Ok(!is_trusted(owner)?)
 }
 
-/// An error if a file belongs to someone who is not trusted.
+/// Returns an error if a file belongs to a user who is not trusted.
 pub(crate) fn require(topic: &Topic, segment: &Segment) -> Result<(), Error> {
     let owner = segment.owner().map_err(Error::os("stat", topic.path()))?;
     if is_trusted(owner)? {
@@ -110,7 +130,7 @@ pub(crate) fn require(topic: &Topic, segment: &Segment) -> Result<(), Error> {
     }
 }
 
-/// Why a file could not be opened: since it belongs to someone else, if it does.
+/// Explains why a file could not be opened: if a stranger owns it, that is the reason.
 pub(crate) fn explain(topic: &Topic, error: Error) -> Error {
     match os::owner_of(topic.path()) {
         Ok(owner) if matches!(is_trusted(owner), Ok(false)) => refusal(topic, owner),
@@ -155,12 +175,12 @@ fn number(word: &str, kind: &str, file: &str) -> Result<u32, Error> {
         .or_else(known)
         .ok_or_else(|| Error::InvalidTrust {
             reason: format!(
-                "expected numbers or names of {kind}s with commas between, got: {word:?}"
+                "expected numbers or names of {kind}s, separated by commas, got: {word:?}"
             ),
         })
 }
 
-/// Name and number of a line of /etc/passwd or /etc/group.
+/// Returns name and number of a line of /etc/passwd or /etc/group.
 fn entry(line: &str) -> Option<(&str, u32)> {
     let mut fields = line.split(':');
     let name = fields.next()?;
@@ -179,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_neither_is_refused_with_what_was_given() {
+    fn an_entry_that_is_neither_is_refused_and_shown() {
         for bad in ["no such user", "-1", "4294967296", "1;2"] {
             let error = Trusted::parse(bad, "").unwrap_err().to_string();
             assert!(error.contains(&format!("got: {bad:?}")), "{error}");

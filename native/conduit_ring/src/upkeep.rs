@@ -1,8 +1,30 @@
-//! Looks after publishers while they are silent.
+//! Checks the names of publishers while they are silent.
 //!
-//! A publisher that publishes looks by itself whether its topic's name still leads to its file. One that may be silent for
-//! longer has [`Publisher::look_after`](crate::Publisher::look_after) called, in a loop of its owner's or by a thread from
-//! here, for owners that have no loop: the bindings of other languages.
+//! A publisher that publishes checks by itself whether its topic's name still leads to its file. A
+//! publisher that may be silent for longer needs calls of
+//! [`Publisher::look_after`](crate::Publisher::look_after): in a loop of its owner's, or by a thread
+//! from here, for owners without a loop, such as the bindings of other languages.
+//!
+//! ```
+//! use std::sync::{Arc, Mutex};
+//! use conduit_ring::{Publisher, PublisherOptions, Topic, upkeep::Upkeep};
+//!
+//! # let name = format!("doc-upkeep-{}", std::process::id());
+//! let topic = Topic::new(&name)?;
+//! let publisher = Publisher::open(&topic, &PublisherOptions::default())?;
+//! let publisher = Arc::new(Mutex::new(publisher));
+//! let upkeep = Upkeep::start({
+//!     let publisher = publisher.clone();
+//!     move || {
+//!         // A failure is kept in Publisher::trouble, and the next call tries again.
+//!         let _ = publisher.lock().unwrap().look_after();
+//!         true
+//!     }
+//! })?;
+//! // …
+//! drop(upkeep); // ends the thread
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 use std::io;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -12,12 +34,14 @@ use std::time::Duration;
 use crate::os;
 use crate::owner::Owner;
 
-/// Between two looks: with those of publishing, a name that is lost is noticed well within a second.
-const LOOKS: Duration = Duration::from_millis(250);
+/// The time between two checks. A lost name is noticed well within a second.
+const INTERVAL: Duration = Duration::from_millis(250);
 const STACK_BYTES: usize = 128 * 1024;
 
-/// A thread that looks after something, and ends when this is dropped. It gets no signals. A child after `fork` has no such
-/// thread.
+/// A thread that checks something at intervals, and ends when this value is dropped.
+///
+/// The thread receives no signals, so that they reach the program's own threads. A child after
+/// `fork` has no such thread, and dropping the value there does nothing.
 #[derive(Debug)]
 pub struct Upkeep {
     life: Arc<Life>,
@@ -40,17 +64,20 @@ enum Stage {
 }
 
 impl Upkeep {
-    /// Calls `look` four times a second until it returns `false`. The thread runs when this returns: what its start
-    /// allocates, a child that is forked next does not find locked.
+    /// Calls `look` four times a second until it returns `false`.
+    ///
+    /// The thread runs when this function returns. So a child that is forked next does not inherit
+    /// locks that starting a thread takes, such as the allocator's.
     ///
     /// # Errors
-    /// When no thread can be had. A publisher is looked after when it publishes then, and only then.
+    /// Returns the operating system's error when it cannot start a thread. The publisher then
+    /// checks its name only when it publishes.
     pub fn start(mut look: impl FnMut() -> bool + Send + 'static) -> io::Result<Upkeep> {
         let life = Arc::new(Life::default());
         let own = life.clone();
         let run = move || {
             own.enter(Stage::Running);
-            while !own.ends_within(LOOKS) && look() {}
+            while !own.ends_within(INTERVAL) && look() {}
         };
         let thread = Some(os::start_thread("conduit_ring", STACK_BYTES, run)?);
         let owner = Owner::here();
@@ -79,8 +106,8 @@ impl Life {
     }
 
     fn ends_within(&self, time: Duration) -> bool {
-        let goes_on = |stage: &mut Stage| *stage != Stage::Ending;
-        let waited = self.news.wait_timeout_while(self.stage(), time, goes_on);
+        let continues = |stage: &mut Stage| *stage != Stage::Ending;
+        let waited = self.news.wait_timeout_while(self.stage(), time, continues);
         *waited.unwrap_or_else(PoisonError::into_inner).0 == Stage::Ending
     }
 }
@@ -90,7 +117,7 @@ impl Drop for Upkeep {
         let thread = self.thread.take();
         if self.owner.is_here() {
             self.life.enter(Stage::Ending);
-            // A look that panicked has said so.
+            // The panic of a check was printed by its thread.
             let _ = thread.map(JoinHandle::join);
         }
     }
@@ -103,25 +130,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_looks_until_there_is_nothing_to_look_after_and_gets_no_signals() {
-        let (tell, told) = mpsc::channel();
+    fn it_checks_until_the_check_says_stop_and_receives_no_signals() {
+        let (sender, receiver) = mpsc::channel();
         let mut looks = 0;
         let _upkeep = Upkeep::start(move || {
             looks += 1;
-            tell.send(os::receives_signals()).unwrap();
+            sender.send(os::receives_signals()).unwrap();
             looks < 2
         });
         assert!(os::receives_signals());
-        assert_eq!(told.iter().collect::<Vec<_>>(), [false, false]);
+        assert_eq!(receiver.iter().collect::<Vec<_>>(), [false, false]);
     }
 
     #[test]
-    fn it_has_ended_when_it_is_dropped() {
-        let (tell, told) = mpsc::channel();
-        let upkeep = Upkeep::start(move || tell.send(()).is_ok()).unwrap();
-        told.recv().unwrap();
+    fn its_thread_has_ended_when_it_is_dropped() {
+        let (sender, receiver) = mpsc::channel();
+        let upkeep = Upkeep::start(move || sender.send(()).is_ok()).unwrap();
+        receiver.recv().unwrap();
         drop(upkeep);
-        while told.try_recv().is_ok() {}
-        assert_eq!(told.try_recv(), Err(mpsc::TryRecvError::Disconnected));
+        while receiver.try_recv().is_ok() {}
+        assert_eq!(receiver.try_recv(), Err(mpsc::TryRecvError::Disconnected));
     }
 }

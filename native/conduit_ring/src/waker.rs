@@ -1,4 +1,4 @@
-//! Waking one's own subscriber from another thread.
+//! Waking a subscriber from another thread of its process.
 
 use std::fmt;
 use std::io;
@@ -9,15 +9,32 @@ use crate::memory::Memory;
 use crate::os::Event;
 use crate::writer;
 
-/// Makes a subscriber's current [`wait`](crate::Subscriber::wait), or its next one, return
-/// [`Wait::Woken`](crate::Wait::Woken) at once.
+/// Wakes a subscriber from another thread.
+///
+/// A wake-up makes the subscriber's current [`wait`](crate::Subscriber::wait), or its next one,
+/// return [`Wait::Woken`](crate::Wait::Woken) at once. A waker can be cloned and sent to any thread.
+///
+/// ```
+/// use std::thread;
+/// use std::time::Duration;
+/// use conduit_ring::{Subscriber, Topic, Wait};
+///
+/// # let name = format!("doc-waker-{}", std::process::id());
+/// let mut subscriber = Subscriber::open(&Topic::new(&name)?, &Default::default())?;
+/// let waker = subscriber.waker();
+/// let thread = thread::spawn(move || waker.wake());
+/// assert_eq!(subscriber.wait(Duration::from_secs(60))?, Wait::Woken);
+/// # thread.join().unwrap();
+/// # Ok::<(), conduit_ring::Error>(())
+/// ```
 #[derive(Clone)]
 pub struct Waker {
     shared: Arc<Shared>,
 }
 
-/// What wakes those who sleep on a segment.
+/// A segment whose sleepers can be woken.
 pub(crate) trait Alarm: Send + Sync {
+    /// Wakes all of them.
     fn ring(&self);
 }
 
@@ -28,9 +45,12 @@ impl Alarm for Memory {
 }
 
 struct Shared {
+    /// Whether a wake-up is pending.
     woken: AtomicBool,
+    /// What the subscriber sleeps on without a segment.
     event: Event,
-    /// Where the subscriber sleeps when it is attached. Set before it looks at `woken` for the last time.
+    /// What the subscriber sleeps on with a segment. Set before it looks at `woken` for the last
+    /// time, so that a wake-up after that look rings it.
     attached_to: Mutex<Option<Arc<dyn Alarm>>>,
 }
 
@@ -46,8 +66,11 @@ impl Waker {
         })
     }
 
-    /// Wakes the subscriber, whatever it sleeps on. Any number of wake-ups before it looks are one.
+    /// Wakes the subscriber, whatever it sleeps on. Several wake-ups before its next wait count as
+    /// one.
     pub fn wake(&self) {
+        // SeqCst: pairs with the fence between a sleeper's preparations and its last look at
+        // `woken`. Either that look sees the wake-up, or the event and the alarm below wake it.
         self.shared.woken.store(true, SeqCst);
         self.shared.event.raise();
         let attached_to = self
@@ -61,6 +84,7 @@ impl Waker {
         }
     }
 
+    /// Sets the segment that the subscriber sleeps on.
     pub(crate) fn attach(&self, alarm: Option<Arc<dyn Alarm>>) {
         *self
             .shared
@@ -73,6 +97,7 @@ impl Waker {
         self.shared.woken.load(SeqCst)
     }
 
+    /// Takes a pending wake-up.
     pub(crate) fn take(&self) -> bool {
         let woken = self.is_woken() && self.shared.woken.swap(false, SeqCst);
         if woken {

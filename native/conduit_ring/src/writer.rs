@@ -1,13 +1,32 @@
-//! Publishing, as ring.md's protocol has it: one message after another into the slots of a [`Memory`].
+//! Publishing: one message after another into the slots of a [`Memory`].
 //!
-//! Orders, each Release with its Acquire:
-//! - `write_intent`, then a release fence, then size, time and payload. A reader that copied any byte of the new message
-//!   meets that fence with its acquire fence after the copy, so its load of `write_intent` sees the intent.
-//! - size, time, payload and sequence, then `write_idx` (Release). A reader's load of `write_idx` (Acquire) that sees it
-//!   finds them.
-//! - `write_idx`, `futex_word`, then a SeqCst fence, then the masks. A sleeper sets its waiting bit, then has a SeqCst
-//!   fence, then checks `write_idx`: at least one of the two sees the other.
-//! - `write_intent`, then a SeqCst fence if a bit of `pin_mask` stands, then the pins: see `pins.rs`.
+//! ```text
+//!   publisher                                     reader of the same slot
+//!   ─────────                                     ───────────────────────
+//!   write_intent = W + 1      relaxed
+//!   (pins in use? SeqCst fence, look at the pins)
+//!   seq_hi = poison           relaxed
+//!   ── release fence ──  ◄──────────────┐
+//!   size, time, payload       relaxed   │         copy size, time, payload   relaxed
+//!   ── release fence ──                 │         load the sequence          relaxed
+//!   sequence                  relaxed   └──────►  ── acquire fence ──
+//!   write_idx = W + 1         Release ◄─────┐     load write_intent          relaxed: whole?
+//!   futex_word += 1           Release       │
+//!   ── SeqCst fence ──                      └───► load write_idx             Acquire: next?
+//!   load the masks; wake      relaxed
+//! ```
+//!
+//! Why these orders suffice:
+//! - **No torn message.** `write_intent` stands before the release fence, and the payload behind
+//!   it. A reader that copied any byte of the new message meets that fence with its acquire fence
+//!   behind the copy, so that its load of `write_intent` sees the intent, and it drops the copy.
+//! - **No missing byte.** Size, time, payload and sequence stand before `write_idx` (Release). A
+//!   reader whose load of `write_idx` (Acquire) sees the new value sees all of them.
+//! - **No lost wake-up.** `write_idx` and `futex_word` stand before a SeqCst fence, and the masks
+//!   behind it. A sleeper sets its waiting bit, has a SeqCst fence, and checks `write_idx` behind
+//!   it. At least one of the two sees the other.
+//! - **No overwritten hold.** `write_intent` stands before a SeqCst fence, and the pins behind it:
+//!   see `pins.rs`.
 
 use crate::layout::{
     DROPPED_PINNED, FUTEX_WORD, LAST_PUBLISH, NATIVE_MASK, NO_MESSAGE, POISON, REJECTED_OVERSIZE,
@@ -18,40 +37,48 @@ use crate::memory::Memory;
 use crate::pins;
 use crate::sync::{Ordering, add_one_and_fence, bump, fence};
 
-/// The one writer of a segment. Its `next` is private and authoritative; `write_idx` only tells it to others.
+/// The one writer of a segment.
+///
+/// Its `next` is private and authoritative. `write_idx` only shows it to others, so that a peer
+/// that damages `write_idx` cannot lead the writer astray.
 pub(crate) struct Writer {
     next: u64,
-    /// Whether something of message `next` may stand in its slot already: a message that failed half-way, or a predecessor's.
-    /// Then `write_intent` must go on saying so.
+    /// Whether the slot may already hold bytes of message `next`: of a message that failed
+    /// half-way, or of a predecessor's. Then `write_intent` must go on saying so.
     begun: bool,
-    /// Whether this writer has found that nobody holds the slot, and has announced since what it does to it: no pin that was
-    /// set later holds.
+    /// Whether this writer has found the slot free of holds, and has announced since what it does
+    /// to it. No pin that was set later holds.
     taken: bool,
 }
 
-/// A slot was left alone since a reader holds the message in it; the bits of those who do.
+/// The slot was left alone, because readers hold the message in it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Pinned {
+    /// The bits of their reader slots.
     pub(crate) holders: u32,
 }
 
-/// What the wake decision came to.
+/// Whether sleepers were woken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Wake {
-    /// Nobody slept: no system call.
+    /// No reader slept, and no system call was made.
     NotNeeded,
-    /// Sleepers were called, and this many woke.
+    /// Readers may have slept, and this many woke.
     Woke(u32),
 }
 
 impl Writer {
-    /// Goes on where the segment stands: at 0 in a new one, at the predecessor's next message in one that was taken over.
+    /// Continues a segment: at 0 in a new one, at the predecessor's next message in one that was
+    /// taken over.
     pub(crate) fn resume(memory: &Memory) -> Writer {
+        // Acquire: pairs with the Release of a predecessor in use_number, so that its stores to
+        // the slots come before this writer's.
         let next = memory.u64(WRITE_IDX).load(Ordering::Acquire);
-        // SeqCst: what `pins.rs` says of the fence behind the message before.
+        // SeqCst: stands for the fence behind the message before; `pins.rs` needs one there.
         fence(Ordering::SeqCst);
         Writer {
             next,
+            // Relaxed: the predecessor is dead, and its lock was taken by a system call since.
             begun: memory.u64(WRITE_INTENT).load(Ordering::Relaxed) != next,
             taken: false,
         }
@@ -61,8 +88,8 @@ impl Writer {
         self.next
     }
 
-    /// Publishes the concatenation of `parts`, which fits the slot, and returns its sequence number; or nothing, when a reader
-    /// holds the slot.
+    /// Publishes the concatenation of `parts`, which fits the slot, and returns its sequence
+    /// number. Publishes nothing when readers hold the slot.
     #[inline]
     pub(crate) fn publish(
         &mut self,
@@ -76,9 +103,11 @@ impl Writer {
         Ok((self.advance(memory, time_ns), notify(memory)))
     }
 
-    /// Announces that the slot of the next message is about to change. From here on no reader accepts what was in it.
+    /// Announces that the slot of the next message is about to change. From here on no reader
+    /// accepts the message that was in it.
     #[inline]
     pub(crate) fn begin(&mut self, memory: &Memory) -> Result<(), Pinned> {
+        // Relaxed: the release fence in poison orders it before the slot's new bytes.
         memory
             .u64(WRITE_INTENT)
             .store(self.next.wrapping_add(1), Ordering::Relaxed);
@@ -90,14 +119,16 @@ impl Writer {
         Ok(())
     }
 
+    /// Marks the slot as being written, for legacy readers: they find a foreign sequence number.
     #[inline]
     fn poison(&self, memory: &Memory) {
         memory.slot(self.next).store(SLOT_SEQ_HI, POISON);
-        // Release: meets the acquire fence in Reader::is_whole.
+        // Release: pairs with the acquire fence in Reader::is_whole. Whoever sees a byte that is
+        // written from here on sees the intent.
         fence(Ordering::Release);
     }
 
-    /// Takes the announcement back if a reader holds the slot: the number may still not be used up.
+    /// Takes the announcement back if readers hold the slot: the number is not used up yet.
     #[cold]
     fn leave_held_slot(&self, memory: &Memory) -> Result<(), Pinned> {
         let holders = pins::holders(memory, self.next);
@@ -105,11 +136,13 @@ impl Writer {
             return Ok(());
         }
         if !self.begun {
+            // Relaxed: an older intent only makes readers reject more.
             memory.u64(WRITE_INTENT).store(self.next, Ordering::Relaxed);
         }
         Err(Pinned { holders })
     }
 
+    /// Copies the parts into the slot, one behind the other, and returns their length.
     #[inline]
     pub(crate) fn fill(&self, memory: &Memory, parts: &[&[u8]]) -> usize {
         let slot = memory.slot(self.next);
@@ -121,18 +154,21 @@ impl Writer {
         len
     }
 
+    /// Completes the slot: length, time, and the sequence number last.
     #[inline]
     pub(crate) fn commit(&self, memory: &Memory, len: usize, time_ns: u64) {
         let slot = memory.slot(self.next);
         slot.store(SLOT_LEN, len as u32);
         slot.store(SLOT_TIME_LO, time_ns as u32);
         slot.store(SLOT_TIME_HI, (time_ns >> 32) as u32);
-        // Release: a legacy reader that sees the sequence and has an acquire fence behind it sees the message.
+        // Release: pairs with the acquire fence of a legacy reader behind its load of the
+        // sequence. A reader that sees the sequence sees the message.
         fence(Ordering::Release);
         slot.store(SLOT_SEQ_LO, self.next as u32);
         slot.store(SLOT_SEQ_HI, (self.next >> 32) as u32);
     }
 
+    /// Publishes the completed slot and returns its sequence number.
     #[inline]
     pub(crate) fn advance(&mut self, memory: &Memory, time_ns: u64) -> u64 {
         memory.u64(LAST_PUBLISH).store(time_ns, Ordering::Relaxed);
@@ -144,15 +180,18 @@ impl Writer {
         let sequence = self.next;
         self.next = sequence.wrapping_add(1);
         (self.begun, self.taken) = (false, false);
-        // Release: meets the Acquire in reader::published.
+        // Release: pairs with the Acquire in source::published. Whoever sees the number sees the
+        // slot.
         memory.u64(WRITE_IDX).store(self.next, Ordering::Release);
         sequence
     }
 
-    /// Uses up the number of the next message, whose slot a reader holds: the slot gets its number, no length and no time, and
-    /// keeps its payload. `false`, and nothing was done, when there is no other slot to go on with.
+    /// Uses up the number of the next message, whose slot readers hold. The slot gets its number,
+    /// no length and no time, and keeps its payload. Returns `false`, and does nothing, when there
+    /// is no other slot to continue with.
     ///
-    /// A legacy reader must find the number there: from one that is not the expected it would go back by a whole ring.
+    /// The number must stand there for legacy readers: a legacy reader that finds another number
+    /// than it expects goes back by a whole ring.
     #[cold]
     pub(crate) fn pass_over(&mut self, memory: &Memory) -> bool {
         if !pins::is_another_free(memory, self.next) {
@@ -168,7 +207,7 @@ impl Writer {
         true
     }
 
-    /// Counts a message that was dropped since readers hold all slots.
+    /// Counts a message that was dropped because readers hold all slots.
     #[cold]
     pub(crate) fn drop_pinned(&self, memory: &Memory) {
         bump(memory.u64(DROPPED_PINNED), 1);
@@ -181,10 +220,12 @@ impl Writer {
     }
 }
 
-/// Tells readers that something changed; wakes them only if someone may be asleep.
+/// Announces a change to the readers, and wakes them only if one of them may sleep.
 #[inline]
 pub(crate) fn notify(memory: &Memory) -> Wake {
     add_one_and_fence(memory.u32(FUTEX_WORD));
+    // Relaxed: the SeqCst fence before them orders these loads, and the one in wait::sleep its
+    // store. A legacy reader has no waiting bit, so that it always counts as asleep.
     let claimed = memory.u32(SUBSCRIBER_MASK).load(Ordering::Relaxed);
     let native = memory.u32(NATIVE_MASK).load(Ordering::Relaxed);
     let waiting = memory.u32(WAITING_MASK).load(Ordering::Relaxed);
@@ -195,9 +236,10 @@ pub(crate) fn notify(memory: &Memory) -> Wake {
     }
 }
 
-/// Tells readers that something changed and wakes all of them, whatever the masks say.
+/// Announces a change to the readers and wakes all of them, whatever the masks say.
 pub(crate) fn notify_all(memory: &Memory) {
-    // Release: meets the Acquire in wait::sleep.
+    // Release: pairs with the Acquire in wait::sleep, so that whoever sees the bump sees what
+    // came before it.
     memory.u32(FUTEX_WORD).fetch_add(1, Ordering::Release);
     memory.futex_wake();
 }

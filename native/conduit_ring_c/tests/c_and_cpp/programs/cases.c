@@ -85,7 +85,7 @@ static void every_null_and_every_wrong_value_is_refused_with_a_sentence(void) {
     FAILS(EINVAL, "topic is NULL", conduit_ring_publisher_open(NULL, NULL, &publisher));
     CHECK(publisher == NULL);
     FAILS(EINVAL, "publisher is NULL", conduit_ring_publisher_open(topic, NULL, NULL));
-    FAILS(EINVAL, "no topic name", conduit_ring_publisher_open("a/b", NULL, &publisher));
+    FAILS(EINVAL, "expected a topic name", conduit_ring_publisher_open("a/b", NULL, &publisher));
     FAILS(EINVAL, "UTF-8", conduit_ring_publisher_open("\xff", NULL, &publisher));
     conduit_ring_publisher_options options = CONDUIT_RING_PUBLISHER_OPTIONS_INIT;
     options.geometry.slot_count = 3;

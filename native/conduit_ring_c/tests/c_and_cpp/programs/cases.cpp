@@ -163,7 +163,7 @@ void a_second_live_publisher_throws() {
 
 void wrong_names_and_shapes_throw_a_sentence() {
   THROWS(std::runtime_error, "a/b", Publisher("a/b"));
-  THROWS(std::runtime_error, "no topic name", Subscriber(""));
+  THROWS(std::runtime_error, "expected a topic name", Subscriber(""));
   THROWS(std::runtime_error, "NUL", Publisher(std::string("a\0b", 3)));
   THROWS(std::runtime_error, "12 slots", Publisher(topic, {12, 4096}));
   THROWS(std::runtime_error, "20 bytes", Publisher(topic, {16, 20}));
