@@ -22,6 +22,9 @@
 //!   `read_idx`. So at whatever step a native reader is killed, its leftovers differ from a legacy
 //!   claim: by the native bit, or by a `claim_id` beside an invalid `read_idx`.
 //!
+//! All other accesses are Relaxed: they are made under the lock, and a lock that changes hands is a
+//! system call on both sides, which orders them.
+//!
 //! One case errs on the safe side and is left to a person: a reader that is killed while it claims
 //! a reader slot that a legacy reader had before.
 

@@ -183,6 +183,7 @@ fn state(header: &Header, state: u32, alive: bool) -> State {
     }
 }
 
+/// Relaxed: for people, as all of an Info.
 fn reader_of(segment: &Segment, source: &impl Source, reader_slot: ReaderSlot) -> Option<Reader> {
     let has = |mask| source.load32(mask, Relaxed) & reader_slot.bit() != 0;
     if !has(SUBSCRIBER_MASK) {

@@ -7,6 +7,8 @@ pub(crate) use core::sync::atomic::{AtomicU32, AtomicU64, Ordering, fence};
 pub(crate) use loom::sync::atomic::{AtomicU32, AtomicU64, Ordering, fence};
 
 /// Adds to a word that only one process writes. It is cheaper than an atomic addition.
+///
+/// Relaxed: the words are counters for people.
 #[inline]
 pub(crate) fn bump(counter: &AtomicU64, by: u64) {
     counter.store(

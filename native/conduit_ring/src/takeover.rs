@@ -117,6 +117,8 @@ fn take_over_or_retire(
 /// died before it woke them.
 fn take_over(attached: &Attached) {
     let memory = &attached.memory;
+    // Relaxed: the predecessor is dead, and its lock was taken by a system call since. Readers
+    // compare the epoch with an earlier one and order nothing by it.
     memory
         .u32(MESSAGE_LIMIT)
         .store(header::message_limit(&attached.header.geometry), Relaxed);

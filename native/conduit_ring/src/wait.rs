@@ -39,6 +39,7 @@ pub(crate) fn sleep(
     // Acquire: pairs with the Release in writer::notify, so that `news` sees whatever came before a
     // bump that is seen here.
     let seen = memory.u32(FUTEX_WORD).load(Ordering::Acquire);
+    // Relaxed: the fence behind it orders it.
     memory
         .u32(WAITING_MASK)
         .fetch_or(reader_slot.bit(), Ordering::Relaxed);
@@ -48,6 +49,7 @@ pub(crate) fn sleep(
     if !news() {
         memory.futex_wait(seen, timeout.min(LONGEST_SLEEP));
     }
+    // Relaxed: a bit that is seen too long costs the writer a wake-up, and nothing else.
     memory
         .u32(WAITING_MASK)
         .fetch_and(!reader_slot.bit(), Ordering::Relaxed);

@@ -93,6 +93,7 @@ impl Waker {
             .unwrap_or_else(PoisonError::into_inner) = alarm;
     }
 
+    /// SeqCst: pairs with the store in `wake`.
     pub(crate) fn is_woken(&self) -> bool {
         self.shared.woken.load(SeqCst)
     }

@@ -171,6 +171,7 @@ impl Writer {
     /// Publishes the completed slot and returns its sequence number.
     #[inline]
     pub(crate) fn advance(&mut self, memory: &Memory, time_ns: u64) -> u64 {
+        // Relaxed: for people.
         memory.u64(LAST_PUBLISH).store(time_ns, Ordering::Relaxed);
         self.use_number(memory)
     }
@@ -197,6 +198,7 @@ impl Writer {
         if !pins::is_another_free(memory, self.next) {
             return false;
         }
+        // Relaxed: as in begin.
         memory
             .u64(WRITE_INTENT)
             .store(self.next.wrapping_add(1), Ordering::Relaxed);
