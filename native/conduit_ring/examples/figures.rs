@@ -1,4 +1,5 @@
-//! Measures publishing and reading beside a bare memcpy into shared memory, in turns so that all meet the same machine.
+//! Measures publishing and reading beside a bare memcpy, in turns, so that all of them run under
+//! the same load.
 //!
 //! ```text
 //! cargo run --release -p conduit_ring --example figures
@@ -65,7 +66,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         subscriber.try_read(&mut buffer)?;
         both.push(time(10_000, || {
             let _ = publisher.publish(black_box(&message[..SMALL]));
-            assert!(matches!(subscriber.try_read(&mut buffer), Ok(Read::Message(meta)) if meta.lost == 0));
+            let read = subscriber.try_read(&mut buffer);
+            assert!(matches!(read, Ok(Read::Message(meta)) if meta.lost == 0));
         }));
         assert_eq!(buffer, message[..SMALL]);
     }
@@ -81,7 +83,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Time from the stamp of a message to a thread that slept having it, at 1 kHz.
+/// Returns the times from the stamp of a message to its receipt by a thread that slept, at 1 kHz.
 fn latencies(publisher: &mut Publisher, mut subscriber: Subscriber) -> Vec<f64> {
     const COUNT: u64 = 2000;
     let last = publisher.next_sequence() + COUNT - 1;
@@ -104,7 +106,7 @@ fn latencies(publisher: &mut Publisher, mut subscriber: Subscriber) -> Vec<f64> 
     reader.join().expect("the reader checks what it receives")
 }
 
-/// Nanoseconds per call.
+/// Returns the nanoseconds per call.
 fn time(count: u32, mut call: impl FnMut()) -> f64 {
     let start = Instant::now();
     (0..count).for_each(|_| call());

@@ -83,8 +83,8 @@ pub(crate) fn map_trusting(
     })
 }
 
-/// Opens a topic's file for reading. With write access it opens the file for writing as well, unless
-/// a stranger owns it. Returns `None` when the file does not exist.
+/// Opens a topic's file for reading. With write access it opens the file for writing as well,
+/// unless a stranger owns it. Returns `None` when the file does not exist.
 pub(crate) fn open_to_read(
     topic: &Topic,
     access: Access,

@@ -287,12 +287,14 @@ impl Attachment {
         !self.header.is_native() || self.backing.load32(STATE) == STATE_LIVE
     }
 
-    /// Checks whether the publisher lives and the topic is still this segment. A few system calls.
+    /// Checks whether the publisher lives and the topic is still this segment. A few system
+    /// calls.
     pub(crate) fn life(&mut self, topic: &Topic) -> io::Result<Life> {
         let segment = self.backing.segment();
         let header = segment.head::<FIXED_LEN>()?;
         let len = segment.len()?;
-        let unchanged = header.is_some_and(|bytes| Header::decode(&bytes, len) == Ok(self.header));
+        let is_own = |bytes| Header::decode(&bytes, len) == Ok(self.header);
+        let unchanged = header.is_some_and(is_own);
         if !unchanged || !self.says_live() {
             return Ok(Life::Over);
         }

@@ -1,7 +1,8 @@
 //! The 16 reader slots: taking one, releasing it, and taking back those whose readers died.
 //!
-//! A lock holds a reader slot, and the kernel frees it when the reader dies. The bits in the header
-//! only tell the publisher about it. The bits of a native reader slot change under its lock alone.
+//! A lock holds a reader slot, and the kernel frees it when the reader dies. The bits in the
+//! header only tell the publisher about it. The bits of a native reader slot change under its
+//! lock alone.
 //!
 //! ```text
 //!              claim                                        release
@@ -16,17 +17,17 @@
 //!
 //! A legacy reader has no lock: it sets its bit of `subscriber_mask` and then writes its
 //! `read_idx`. Two things follow for the order of a release:
-//! - Native, waiting and pin bits go before the mask bit. Else a legacy successor of that bit would
-//!   be taken for native, and not be woken.
+//! - Native, waiting and pin bits go before the mask bit. Else a legacy successor of that bit
+//!   would be taken for native, and not be woken.
 //! - `read_idx` is made invalid before the mask bit goes, and a new segment begins with such a
-//!   `read_idx`. So at whatever step a native reader is killed, its leftovers differ from a legacy
-//!   claim: by the native bit, or by a `claim_id` beside an invalid `read_idx`.
+//!   `read_idx`. So at whatever step a native reader is killed, its leftovers differ from a
+//!   legacy claim: by the native bit, or by a `claim_id` beside an invalid `read_idx`.
 //!
-//! All other accesses are Relaxed: they are made under the lock, and a lock that changes hands is a
-//! system call on both sides, which orders them.
+//! All other accesses are Relaxed: they are made under the lock, and a lock that changes hands is
+//! a system call on both sides, which orders them.
 //!
-//! One case errs on the safe side and is left to a person: a reader that is killed while it claims
-//! a reader slot that a legacy reader had before.
+//! One case errs on the safe side and is left to a person: a reader that is killed while it
+//! claims a reader slot that a legacy reader had before.
 
 use std::io;
 
@@ -130,16 +131,16 @@ pub(crate) fn reclaim_leaked(memory: &Memory, locks: &impl ReaderSlotLocks) -> i
     Ok(())
 }
 
-/// Clears the pins in those of these reader slots (bits) whose readers died. Returns whether there
-/// was one.
+/// Clears the pins in those of these reader slots (bits) whose readers died. Returns whether
+/// there was one.
 pub(crate) fn reclaim_pins(
     memory: &Memory,
     locks: &impl ReaderSlotLocks,
     reader_slots: u32,
 ) -> io::Result<bool> {
     let mut reclaimed = false;
-    for reader_slot in ReaderSlot::all().filter(|reader_slot| reader_slots & reader_slot.bit() != 0)
-    {
+    let is_asked_for = |reader_slot: &ReaderSlot| reader_slots & reader_slot.bit() != 0;
+    for reader_slot in ReaderSlot::all().filter(is_asked_for) {
         if !locks.try_lock(reader_slot)? {
             continue;
         }
@@ -163,8 +164,8 @@ fn take_free(memory: &Memory, reader_slot: ReaderSlot, who: Claimant) -> bool {
     memory.u32(PIN_MASK).fetch_and(!reader_slot.bit(), Relaxed);
     memory.u64(reader_slot.claim_id()).store(who.id, Relaxed);
     // AcqRel: the Acquire pairs with the Release in clear, so that the predecessor's stores come
-    // first; the Release pairs with the Acquire in is_set, so that who sees the bit sees the
-    // claim_id. The other stores are Relaxed: they change under the lock, or are for people.
+    // first; the Release pairs with the Acquire in is_set, so that a peer that sees the bit sees
+    // the claim_id. The other stores are Relaxed: they change under the lock, or are for people.
     if memory
         .u32(SUBSCRIBER_MASK)
         .fetch_or(reader_slot.bit(), AcqRel)
@@ -215,7 +216,8 @@ fn is_set(source: &impl Source, reader_slot: ReaderSlot) -> bool {
 
 /// Returns whether a guarded reader sleeps here, or died asleep: it claims nothing but the lock.
 fn waits_unclaimed(memory: &Memory, reader_slot: ReaderSlot) -> bool {
-    memory.u32(WAITING_MASK).load(Relaxed) & reader_slot.bit() != 0 && !is_set(memory, reader_slot)
+    let waits = memory.u32(WAITING_MASK).load(Relaxed) & reader_slot.bit() != 0;
+    waits && !is_set(memory, reader_slot)
 }
 
 /// Returns whether a native reader set the bit, also while it claims or releases the slot.

@@ -1,7 +1,7 @@
 //! The clock of the ring: `CLOCK_MONOTONIC_RAW`, in nanoseconds.
 //!
-//! Every message carries its time ([`Meta::timestamp_ns`](crate::Meta::timestamp_ns)). The age of a
-//! message is a subtraction, in whatever process it is read:
+//! Every message carries its time ([`Meta::timestamp_ns`](crate::Meta::timestamp_ns)). The age of
+//! a message is a subtraction, in whatever process it is read:
 //!
 //! ```
 //! use conduit_ring::{Publisher, PublisherOptions, Read, Subscriber, Topic, clock};
@@ -31,7 +31,8 @@ pub fn now_ns() -> u64 {
     os::monotonic_raw_ns()
 }
 
-/// Returns what to add to [`now_ns`] to get wall time: `CLOCK_REALTIME`, in nanoseconds since 1970.
+/// Returns what to add to [`now_ns`] to get wall time: `CLOCK_REALTIME`, in nanoseconds since
+/// 1970.
 ///
 /// The answer is true now. Wall time steps when it is set, so do not keep the offset for long.
 pub fn realtime_offset_ns() -> i64 {

@@ -4,8 +4,8 @@
 ///
 /// The publisher states the encoding in
 /// [`PublisherOptions::content`](crate::PublisherOptions::content). The ring itself never looks
-/// into a message. A publisher with another tag than its predecessor's makes a new segment, so that
-/// all messages of one segment have one encoding.
+/// into a message. A publisher with another tag than its predecessor's makes a new segment, so
+/// that all messages of one segment have one encoding.
 ///
 /// ```
 /// use conduit_ring::ContentTag;

@@ -171,7 +171,7 @@ mod tests {
     #[test]
     fn every_length_at_every_alignment_arrives_whole_and_touches_nothing_else() {
         let source: Vec<u8> = (0..=255).cycle().take(400).collect();
-        // Miri is a thousand times slower, and finds what it finds at any of them.
+        // Miri is a thousand times slower, and finds a fault at any of them.
         let (step, longer) = if cfg!(miri) { (4, 16) } else { (1, 1) };
         for shared_at in (0..9).step_by(step) {
             for private_at in (0..9).step_by(step) {

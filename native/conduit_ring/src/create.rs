@@ -1,5 +1,5 @@
-//! Making a segment: complete and locked before it has a name, so that nobody opens a half-made
-//! file.
+//! Making a segment: complete and locked before it has a name, so that no process opens a
+//! half-made file.
 //!
 //! ```text
 //! O_TMPFILE ─► chmod, chown ─► allocate ─► header ─► lock byte 64 ─► map ─► magic ─► linkat
@@ -56,8 +56,8 @@ pub(crate) fn build(
     claim::prepare(&attached.memory);
     write_identity(&attached.memory);
     fill(&attached.segment, &attached.memory).map_err(Error::os("fill", path))?;
-    // Release: pairs with the Acquire of a peer that finds the magic by a mapping. Readers of this
-    // crate find it by the file's name, which comes later.
+    // Release: pairs with the Acquire of a peer that finds the magic by a mapping. Readers of
+    // this crate find it by the file's name, which comes later.
     attached.memory.u32(MAGIC).store(EXT_MAGIC, Release);
     match attached.segment.link(path) {
         Ok(()) => Ok(Some(map_by_name(topic, attached))),

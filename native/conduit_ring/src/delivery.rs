@@ -7,7 +7,8 @@
 /// stopped, or from the start of its new life.
 ///
 /// ```
-/// use conduit_ring::{Publisher, PublisherOptions, Read, Start, Subscriber, SubscriberOptions, Topic};
+/// use conduit_ring::{Publisher, PublisherOptions, Read, Start, Subscriber, Topic};
+/// use conduit_ring::SubscriberOptions;
 ///
 /// # let name = format!("doc-start-{}", std::process::id());
 /// # let topic = Topic::new(&name)?;
@@ -64,6 +65,6 @@ pub struct Meta {
     /// How many messages this reader lost between the message delivered before and this one.
     ///
     /// Within one segment it is the gap in `sequence`. A reader that follows a topic into a new
-    /// segment carries over what it had lost and not yet reported.
+    /// segment carries over the losses that it has not reported.
     pub lost: u64,
 }

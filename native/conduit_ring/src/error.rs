@@ -56,7 +56,8 @@ pub enum Error {
     },
     /// The file belongs to a user who is not trusted.
     ///
-    /// Remove the file, publish as that user, or list the user as [`trust`](crate::trust) describes.
+    /// Remove the file, publish as that user, or list the user as [`trust`](crate::trust)
+    /// describes.
     ForeignOwner {
         /// The segment's file.
         path: PathBuf,

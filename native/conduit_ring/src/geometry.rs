@@ -5,8 +5,8 @@ use crate::layout::{HEADER_LEN, SLOT_HEADER_LEN};
 
 /// Number and length of a ring's slots. A value of this type is always within the limits.
 ///
-/// There are two ways to state a geometry. conduit counts a slot's length *with* its 20-byte header
-/// ([`Geometry::slots`]). A user thinks of messages ([`Geometry::depth`]).
+/// There are two ways to state a geometry. conduit counts a slot's length *with* its 20-byte
+/// header ([`Geometry::slots`]). A user thinks of messages ([`Geometry::depth`]).
 ///
 /// Slots start on a cache line: their length in the file is rounded up to a multiple of 64. The
 /// longest message is that of the length as given, whatever the rounding leaves.
@@ -46,8 +46,8 @@ impl Geometry {
     /// The largest number of slots.
     pub const MAX_SLOT_COUNT: u32 = 1 << 20;
 
-    /// Makes the geometry of `slot_count` slots of `slot_size` bytes each, the slot's 20-byte header
-    /// included.
+    /// Makes the geometry of `slot_count` slots of `slot_size` bytes each, the slot's 20-byte
+    /// header included.
     ///
     /// # Errors
     /// [`Error::InvalidGeometry`] unless `slot_count` is a power of two up to
@@ -63,8 +63,8 @@ impl Geometry {
     /// Makes the geometry of a ring that keeps at least the last `depth` messages of up to
     /// `max_message_size` bytes each.
     ///
-    /// The depth is rounded up to a power of two, and the size so that slots fill whole cache lines
-    /// of the file.
+    /// The depth is rounded up to a power of two, and the size so that slots fill whole cache
+    /// lines of the file.
     ///
     /// # Errors
     /// [`Error::InvalidGeometry`] when depth or size is 0 or beyond the limits of
@@ -72,8 +72,8 @@ impl Geometry {
     pub fn depth(depth: u32, max_message_size: u32) -> Result<Geometry, Error> {
         let invalid = || Error::InvalidGeometry {
             reason: format!(
-                "expected a depth of 1..={} and messages of 1..={} bytes, got: a depth of {depth} \
-                 and messages of {max_message_size} bytes",
+                "expected a depth of 1..={} and messages of 1..={} bytes, got: a depth of \
+                 {depth} and messages of {max_message_size} bytes",
                 Self::MAX_SLOT_COUNT,
                 Self::MAX_SLOT_SIZE - SLOT_HEADER_LEN as u32
             ),
@@ -99,19 +99,21 @@ impl Geometry {
             && slot_count <= Self::MAX_SLOT_COUNT
             && (Self::MIN_SLOT_SIZE..=Self::MAX_SLOT_SIZE).contains(&slot_size)
             && isize::try_from(geometry.segment_len()).is_ok();
-        accepted.then_some(geometry).ok_or_else(|| Error::InvalidGeometry {
-            reason: format!(
-                "expected a power of two up to {} of slots of {}..={} bytes, got: {slot_count} slots \
-                 of {slot_size} bytes",
-                Self::MAX_SLOT_COUNT,
-                Self::MIN_SLOT_SIZE,
-                Self::MAX_SLOT_SIZE
-            ),
-        })
+        accepted
+            .then_some(geometry)
+            .ok_or_else(|| Error::InvalidGeometry {
+                reason: format!(
+                    "expected a power of two up to {} of slots of {}..={} bytes, got: \
+                 {slot_count} slots of {slot_size} bytes",
+                    Self::MAX_SLOT_COUNT,
+                    Self::MIN_SLOT_SIZE,
+                    Self::MAX_SLOT_SIZE
+                ),
+            })
     }
 
-    /// Returns the same slots for messages of up to `max_message_size` bytes. 0, and a size longer
-    /// than a slot, stand for a slot's length.
+    /// Returns the same slots for messages of up to `max_message_size` bytes. 0, and a size
+    /// longer than a slot, stand for a slot's length.
     pub(crate) fn limited(self, max_message_size: u32) -> Geometry {
         let accepted = 1..=self.capacity() as u32;
         Geometry {
@@ -139,8 +141,8 @@ impl Geometry {
         self.slot_size
     }
 
-    /// Returns the length of the longest message that is accepted, in bytes. It is the slot's length
-    /// as it was given, without its header.
+    /// Returns the length of the longest message that is accepted, in bytes. It is the slot's
+    /// length as it was given, without its header.
     pub fn max_message_size(&self) -> usize {
         self.max_message_size as usize
     }

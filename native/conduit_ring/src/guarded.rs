@@ -1,8 +1,8 @@
 //! Reading a segment that others may shorten at any time.
 //!
-//! A user who may write a file may also shorten it, and a process that then touches a mapping behind
-//! the end gets SIGBUS. So a guarded reader touches no mapping. It reads every word and every byte
-//! by `pread`, for which the end of the file is an answer.
+//! A user who may write a file may also shorten it, and a process that then touches a mapping
+//! behind the end gets SIGBUS. So a guarded reader touches no mapping. It reads every word and
+//! every byte by `pread`, for which the end of the file is an answer.
 //!
 //! | file | words and payloads | sleep | reader slot |
 //! |---|---|---|---|
@@ -10,11 +10,11 @@
 //! | of a trusted user | `pread` | futex, by the kernel | its lock only |
 //!
 //! A stranger's file is not even mapped. A trusted user's file is mapped, but only the kernel
-//! touches the mapping, to sleep on the futex word and to set the waiting bit (`FUTEX_WAKE_OP`); it
-//! returns EFAULT for a page that does not exist.
+//! touches the mapping, to sleep on the futex word and to set the waiting bit (`FUTEX_WAKE_OP`);
+//! it returns EFAULT for a page that does not exist.
 //!
-//! A guarded reader writes nothing but that bit. It holds the lock of a reader slot, so that the bit
-//! is its own. It sets no other bit, and so does not show among the topic's readers.
+//! A guarded reader writes nothing but that bit. It holds the lock of a reader slot, so that the
+//! bit is its own. It sets no other bit, and so does not show among the topic's readers.
 
 use std::io;
 use std::sync::OnceLock;
@@ -172,8 +172,8 @@ impl Source for Guarded {
         loop {
             let now = self.bytes(at.offset());
             if now == last || self.is_broken() {
-                // Acquire, whatever was asked for. A fence also orders the kernel's reads for this
-                // thread.
+                // Acquire, whatever was asked for. A fence also orders the kernel's reads for
+                // this thread.
                 fence(Ordering::Acquire);
                 return u64::from_le_bytes(now);
             }

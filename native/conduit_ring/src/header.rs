@@ -14,7 +14,7 @@ use crate::layout::{
     VERSION_MAJOR, VERSION_MINOR,
 };
 
-/// The bytes of the header up to the last one that says what a segment is.
+/// The length of the part of the header that is set once, up to the message limit.
 pub(crate) const FIXED_LEN: usize = MESSAGE_LIMIT.offset() + 4;
 
 /// Who made a segment.

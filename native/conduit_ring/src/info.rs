@@ -97,8 +97,8 @@ pub struct Info {
     pub content: ContentTag,
     /// How many times a publisher took over or made the file anew.
     pub epoch: u32,
-    /// Random number of this sequence of messages. It stays the same where a living publisher makes
-    /// its file anew. It is 0 if the topic has no extension.
+    /// Random number of this sequence of messages. It stays the same where a living publisher
+    /// makes its file anew. It is 0 if the topic has no extension.
     pub instance_id: u64,
     /// The publisher's process.
     pub writer_pid: u32,
@@ -107,8 +107,8 @@ pub struct Info {
     pub last_publish_ns: u64,
     /// What to add to a time stamp to get wall time, as it was when the publisher started.
     pub realtime_offset_ns: i64,
-    /// How many numbers were passed over because a reader held the slot, and how many messages were
-    /// dropped because readers held all slots.
+    /// How many numbers were passed over because a reader held the slot, and how many messages
+    /// were dropped because readers held all slots.
     pub dropped_pinned: u64,
     /// How many messages were rejected because they were too large.
     pub rejected_oversize: u64,

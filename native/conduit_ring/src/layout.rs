@@ -1,9 +1,9 @@
 //! Where each field lies in a segment, and the fixed values of the fields.
 //!
-//! Offsets 0..16, 64..72, 128..136 and the first eight bytes of each reader slot are conduit's, and
-//! mean what its C++ programs take them to mean. All other header bytes are spare there and hold
-//! the extension. docs/wire-format.md has the same tables with the meaning of each field; a test
-//! compares the two.
+//! Offsets 0..16, 64..72, 128..136 and the first eight bytes of each reader slot are conduit's,
+//! and mean what its C++ programs take them to mean. All other header bytes are spare there and
+//! hold the extension. docs/wire-format.md has the same tables with the meaning of each field; a
+//! test compares the two.
 
 /// Length of the header in front of slot 0.
 pub(crate) const HEADER_LEN: usize = 1216;
@@ -31,8 +31,8 @@ pub(crate) const STATE_RETIRED: u32 = 3;
 /// `seq_hi` of a slot that is being written.
 pub(crate) const POISON: u32 = 0xFFFF_FFFF;
 
-/// The time in a slot whose number was used up without a message. Its length is 0. An empty message
-/// has a time.
+/// The time in a slot whose number was used up without a message. Its length is 0. An empty
+/// message has a time.
 pub(crate) const NO_MESSAGE: u64 = 0;
 
 /// Offset of an aligned 32-bit header word. It exists only for offsets inside the header.

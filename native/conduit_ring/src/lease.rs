@@ -12,11 +12,11 @@ use crate::registration::Permit;
 
 /// A message that is held in its slot, not copied, until the lease is dropped.
 ///
-/// While the lease lives the publisher leaves the message alone. It neither waits nor stops. When it
-/// has gone round the ring and comes to this slot again, it passes the slot over, and the slot's
-/// number with it, which other subscribers count as lost
-/// ([`Info::dropped_pinned`](crate::Info::dropped_pinned)). Only when all slots are held does it drop
-/// messages ([`PublishError::SlotHeld`](crate::PublishError::SlotHeld)).
+/// While the lease lives the publisher leaves the message alone. It neither waits nor stops. When
+/// it has gone round the ring and comes to this slot again, it passes the slot over, and the
+/// slot's number with it, which other subscribers count as lost
+/// ([`Info::dropped_pinned`](crate::Info::dropped_pinned)). Only when all slots are held does it
+/// drop messages ([`PublishError::SlotHeld`](crate::PublishError::SlotHeld)).
 ///
 /// So hold a lease for less than `slot_count - 1` periods of the topic, or
 /// [`detach`](Lease::detach) it. A process that is killed holds nothing any more.
@@ -47,8 +47,8 @@ use crate::registration::Permit;
 ///
 /// A lease is a copy, made at once and not counted among the three, where the publisher would not
 /// respect a hold: on a topic of a legacy publisher, in [guarded](crate::Guard) mode, and for a
-/// message that the publisher may already be about to overwrite when the subscriber takes its first
-/// lease. [`Lease::holds_slot`] tells the two apart.
+/// message that the publisher may already be about to overwrite when the subscriber takes its
+/// first lease. [`Lease::holds_slot`] tells the two apart.
 ///
 /// # The bytes
 ///
@@ -125,8 +125,8 @@ impl Lease {
         self.permit.is_some()
     }
 
-    /// Returns the address of the message: [`Lease::len`] bytes of any alignment, readable until the
-    /// lease is dropped.
+    /// Returns the address of the message: [`Lease::len`] bytes of any alignment, readable until
+    /// the lease is dropped.
     pub fn as_ptr(&self) -> *const u8 {
         match &self.place {
             Place::Mapped { pages, at } => pages
@@ -172,10 +172,10 @@ impl Lease {
 
     /// Gives the slot back to the publisher and keeps the bytes, at the same address.
     ///
-    /// The pages under the bytes are replaced by private ones with the same content. For code that
-    /// has handed the address out and cannot take it back, as runtimes with garbage collection do.
-    /// Afterwards the lease does not count among the three any more. Detaching costs a copy. Other
-    /// threads may read the bytes meanwhile.
+    /// The pages under the bytes are replaced by private ones with the same content. For code
+    /// that has handed the address out and cannot take it back, as runtimes with garbage
+    /// collection do. Afterwards the lease does not count among the three any more. Detaching
+    /// costs a copy. Other threads may read the bytes meanwhile.
     ///
     /// # Errors
     /// [`Error::Os`] when memory is short. The lease is then as it was.

@@ -49,8 +49,8 @@
 //!
 //! # The segment
 //!
-//! A topic is a file, `/dev/shm/conduit_{topic}`, that publisher and subscribers map. It is called
-//! a *segment*: a header of 1216 bytes, then the slots.
+//! A topic is a file, `/dev/shm/conduit_{topic}`, that publisher and subscribers map. It is
+//! called a *segment*: a header of 1216 bytes, then the slots.
 //!
 //! ```text
 //!     0 ┌──────────────────────────────────────────────────────────────┐
@@ -77,10 +77,10 @@
 //! The [`Geometry`] of a topic says how many slots it has and how long they are. The repository's
 //! `docs/wire-format.md` lists every byte.
 //!
-//! The publisher copies a message into the next slot and returns. It never waits for a reader, and
-//! makes a system call only when a reader sleeps. Each subscriber copies messages out at its own
-//! pace. A subscriber that falls behind by more than the ring loses the oldest messages, and each
-//! message says how many were lost before it ([`Meta::lost`]).
+//! The publisher copies a message into the next slot and returns. It never waits for a reader,
+//! and makes a system call only when a reader sleeps. Each subscriber copies messages out at its
+//! own pace. A subscriber that falls behind by more than the ring loses the oldest messages, and
+//! each message says how many were lost before it ([`Meta::lost`]).
 //!
 //! # What is guaranteed
 //!
@@ -89,19 +89,20 @@
 //!   as lost.
 //! - **A crash needs no repair.** A process that is killed, at whatever instant, leaves a segment
 //!   that its successor can use. A new publisher takes over in place at the same sequence number,
-//!   without its subscribers noticing. Reader slots of dead subscribers are taken back. File locks
-//!   show who lives, and the kernel frees them; no timer and no process number decides.
+//!   without its subscribers noticing. Reader slots of dead subscribers are taken back. File
+//!   locks show which processes live, and the kernel frees them; no timer and no process number
+//!   decides.
 //! - **No wake-up is lost.** A subscriber that sleeps is woken by the next message.
 //! - **Silence differs from absence.** A subscriber reports that the publisher died, closed the
 //!   topic or came back ([`Read::PublisherDown`], [`Read::PublisherUp`]), at most half a second
 //!   later, and after the last message. It attaches to the topic's next segment by itself.
 //! - **No byte of the file is trusted.** The geometry is checked against the file's real size
-//!   before the file is mapped, and lengths against the geometry. A damaged file gives an error or
-//!   no data.
+//!   before the file is mapped, and lengths against the geometry. A damaged file gives an error
+//!   or no data.
 //! - **A topic keeps its name.** A publisher whose file was removed, or whose name leads to
 //!   another file, makes the file anew under the same sequence numbers, or says why it cannot
 //!   ([`Publisher::look_after`]).
-//! - **A reader stops nobody else**, whatever it holds and however it hangs ([`Lease`]).
+//! - **A reader stops no other process**, whatever it holds and however it hangs ([`Lease`]).
 //! - **Memory is bounded** by the geometry, and allocated when the topic is made. A full
 //!   `/dev/shm` is an error at that time.
 //!
@@ -129,7 +130,7 @@
 //!
 //! # The life of a subscriber
 //!
-//! A [`Subscriber`] follows its topic by itself. The words on the arrows are what it returns.
+//! A [`Subscriber`] follows its topic by itself. The arrows name the values that it returns.
 //!
 //! ```text
 //!                        Subscriber::open
@@ -205,8 +206,8 @@
 //! ```
 //!
 //! A predecessor that was killed in the middle of message W leaves `write_intent` = W + 1 and
-//! `write_idx` = W. The successor writes message W again. Readers reject whatever they copied from
-//! the slot between the two, because the intent stands before and after their copy.
+//! `write_idx` = W. The successor writes message W again. Readers reject whatever they copied
+//! from the slot between the two, because the intent stands before and after their copy.
 //!
 //! # How it is built
 //!

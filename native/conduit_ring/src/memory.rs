@@ -1,4 +1,5 @@
-//! A mapped segment as the protocol sees it: words at offsets, slots by sequence number, one futex.
+//! A mapped segment as the protocol sees it: words at offsets, slots by sequence number, one
+//! futex.
 //!
 //! The protocol is written against this type alone. `memory_model.rs` is its twin for loom, with
 //! the same functions over loom's atomics.
@@ -13,8 +14,8 @@ use crate::sync::{AtomicU32, AtomicU64};
 
 /// A mapping that is long enough for its geometry.
 ///
-/// It upholds the invariant of all `unsafe` blocks in this file: every word and every slot that it
-/// hands out lies inside the mapping.
+/// It upholds the invariant of all `unsafe` blocks in this file: every word and every slot that
+/// it hands out lies inside the mapping.
 pub(crate) struct Memory {
     mapping: Mapping,
     geometry: Geometry,
@@ -35,8 +36,8 @@ impl Memory {
     #[inline]
     pub(crate) fn u32(&self, at: At32) -> &AtomicU32 {
         let word = self.mapping.base().wrapping_add(at.offset()).cast();
-        // SAFETY: an At32 is 4-aligned and inside the header; the mapping is page-aligned, holds a
-        // header and lives as long as self; other processes touch this word with atomic
+        // SAFETY: an At32 is 4-aligned and inside the header; the mapping is page-aligned, holds
+        // a header and lives as long as self; other processes touch this word with atomic
         // instructions too.
         unsafe { AtomicU32::from_ptr(word) }
     }
@@ -87,8 +88,8 @@ impl Slot<'_> {
     #[inline]
     pub(crate) fn load(&self, word: usize) -> u32 {
         let mut value = [0; 4];
-        // SAFETY: `word` is one of layout's offsets into a slot's header, and slots lie inside the
-        // mapping.
+        // SAFETY: `word` is one of layout's offsets into a slot's header, and slots lie inside
+        // the mapping.
         unsafe { copy::out_of_shared(self.base.wrapping_add(word), value.as_mut_ptr(), 4) };
         u32::from_le_bytes(value)
     }
@@ -109,8 +110,8 @@ impl Slot<'_> {
     pub(crate) fn write_payload(&self, at: usize, part: &[u8]) {
         assert!(at <= self.room() && part.len() <= self.room() - at);
         let to = self.base.wrapping_add(SLOT_HEADER_LEN + at);
-        // SAFETY: the destination lies inside this slot by the assertion, the source is a slice of
-        // this process.
+        // SAFETY: the destination lies inside this slot by the assertion, the source is a slice
+        // of this process.
         unsafe { copy::into_shared(part.as_ptr(), to, part.len()) };
     }
 

@@ -18,16 +18,16 @@ const SHORTEST_NAP: Duration = Duration::from_micros(100);
 /// A reader without a trace, for tools and recorders.
 ///
 /// An observer reads a topic as a [`Subscriber`] does: with the same validation, and through the
-/// lives of its publishers. But its mapping is read-only, and it takes no reader slot. So there may
-/// be any number of observers, they need no permission but to read, and a publisher spends nothing
-/// on them.
+/// lives of its publishers. But its mapping is read-only, and it takes no reader slot. So there
+/// may be any number of observers, they need no permission but to read, and a publisher spends
+/// nothing on them.
 ///
 /// # When a message is noticed
 ///
-/// A publisher wakes sleepers only if it knows of one, and an observer cannot say that it sleeps. A
-/// message wakes it at once when some subscriber waits too, or when the publisher is a legacy one.
-/// Otherwise the observer looks by itself: 0.1 ms after a message, and then in naps that double up
-/// to [`ObserverOptions::longest_nap`].
+/// A publisher wakes sleepers only if it knows of one, and an observer cannot say that it sleeps.
+/// A message wakes it at once when some subscriber waits too, or when the publisher is a legacy
+/// one. Otherwise the observer looks by itself: 0.1 ms after a message, and then in naps that
+/// double up to [`ObserverOptions::longest_nap`].
 ///
 /// ```
 /// use std::time::Duration;
@@ -108,7 +108,8 @@ impl Observer {
         }
     }
 
-    /// Sleeps for a nap at most. Without a publisher it sleeps longer: a new one wakes all sleepers.
+    /// Sleeps for a nap at most. Without a publisher it sleeps longer: a new one wakes all
+    /// sleepers.
     fn wait(&mut self, left: Duration) -> Result<(), Error> {
         if !self.subscriber.publisher_up() {
             return self.subscriber.wait(left).map(drop);
@@ -129,8 +130,8 @@ impl Observer {
         self.subscriber.publisher_up()
     }
 
-    /// Returns which publisher the segment has, or had last. Returns `None` while the topic has no
-    /// segment.
+    /// Returns which publisher the segment has, or had last. Returns `None` while the topic has
+    /// no segment.
     pub fn incarnation(&self) -> Option<Incarnation> {
         self.subscriber.incarnation()
     }

@@ -91,15 +91,15 @@ impl Default for ObserverOptions {
     }
 }
 
-/// Whether a topic is read in guarded mode: without ever touching memory that another process could
-/// take away.
+/// Whether a topic is read in guarded mode: without ever touching memory that another process
+/// could take away.
 ///
 /// A process that may write a topic's file may also shorten it. A process that then touches the
 /// missing part through a mapping is killed by SIGBUS. In guarded mode that is an error
 /// ([`Fault::Truncated`](crate::Fault::Truncated)).
 ///
-/// Guarded reading has a price: a few system calls for each message, no message is held in its slot
-/// ([`Lease`](crate::Lease)s are copies), and the subscriber does not show among
+/// Guarded reading has a price: a few system calls for each message, no message is held in its
+/// slot ([`Lease`](crate::Lease)s are copies), and the subscriber does not show among
 /// [`Info::readers`](crate::Info::readers).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Guard {

@@ -12,8 +12,8 @@ static FORKS: AtomicU64 = AtomicU64::new(0);
 
 /// The process that opened something.
 ///
-/// For bindings of other languages. A child after `fork` must not wait for a lock of its parent's:
-/// the thread that holds it does not exist in the child. So a binding asks
+/// For bindings of other languages. A child after `fork` must not wait for a lock of its
+/// parent's: the thread that holds it does not exist in the child. So a binding asks
 /// [`is_here`](Owner::is_here) before it takes such a lock. Publishers and subscribers ask by
 /// themselves ([`Error::Forked`](crate::Error::Forked)).
 ///

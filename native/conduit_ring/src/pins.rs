@@ -1,5 +1,5 @@
-//! Pins: a reader looks at a message in its slot, instead of copying it, and the writer passes the
-//! slot over until the pin is cleared. Neither side waits for the other.
+//! Pins: a reader looks at a message in its slot, instead of copying it, and the writer passes
+//! the slot over until the pin is cleared. Neither side waits for the other.
 //!
 //! A pin is a word in the reader slot: the sequence number + 1 of the message that is held. Both
 //! sides announce first and look then, with a SeqCst fence between:
@@ -23,10 +23,10 @@
 //!
 //! # Why the writer needs no fence while no reader uses pins
 //!
-//! The writer loads `pin_mask` first. Only if a bit is set does it pay for the fence and the scan.
-//! Between its store of `write_intent` and that load there is no fence, so the load may be older
-//! than the store. But it is never older than the SeqCst fence that ends the publishing of the
-//! message before (`writer::notify`), or than the fence in `Writer::resume`.
+//! The writer loads `pin_mask` first. Only if a bit is set does it pay for the fence and the
+//! scan. Between its store of `write_intent` and that load there is no fence, so the load may be
+//! older than the store. But it is never older than the SeqCst fence that ends the publishing of
+//! the message before (`writer::notify`), or than the fence in `Writer::resume`.
 //!
 //! Hence a reader sets its bit once and leaves it ([`announce`]): it sets the bit, has a SeqCst
 //! fence, and then loads `write_idx`, say w. There are two cases for each fence of the writer:
@@ -34,8 +34,8 @@
 //! - It comes earlier. Then it follows a store of `write_idx` that the reader sees, so that it
 //!   ended a message before w.
 //!
-//! So w is the one message that may be written without a look at the pins, and w − `slot_count` is
-//! the one message that it can overwrite. The reader does not pin that one: it copies it
+//! So w is the one message that may be written without a look at the pins, and w − `slot_count`
+//! is the one message that it can overwrite. The reader does not pin that one: it copies it
 //! ([`Announced::protects`]). All others are safe from then on.
 
 use crate::layout::{At64, PIN_MASK, ReaderSlot};
@@ -62,8 +62,8 @@ impl Announced {
 
 /// Announces that the reader in this reader slot uses pins, until it releases the slot.
 pub(crate) fn announce(memory: &Memory, reader_slot: ReaderSlot) -> Announced {
-    // Release: pairs with the Acquire in `holders`, which then sees that the pins were cleared when
-    // the reader slot was claimed.
+    // Release: pairs with the Acquire in `holders`, which then sees that the pins were cleared
+    // when the reader slot was claimed.
     memory
         .u32(PIN_MASK)
         .fetch_or(reader_slot.bit(), Ordering::Release);
@@ -97,12 +97,12 @@ pub(crate) fn in_use(memory: &Memory) -> bool {
     memory.u32(PIN_MASK).load(Ordering::Relaxed) != 0
 }
 
-/// Returns the reader slots, as bits, that hold a message in the slot which message `next` is about
-/// to take. `write_intent` must already announce `next`.
+/// Returns the reader slots, as bits, that hold a message in the slot which message `next` is
+/// about to take. `write_intent` must already announce `next`.
 #[cold]
 pub(crate) fn holders(memory: &Memory, next: u64) -> u32 {
-    // SeqCst: pairs with the fence in `pin`. Either the loads below see the pin, or its reader sees
-    // the intent.
+    // SeqCst: pairs with the fence in `pin`. Either the loads below see the pin, or its reader
+    // sees the intent.
     fence(Ordering::SeqCst);
     // Acquire: pairs with the Release in `announce`, for a bit that has just been set.
     let mask = memory.u32(PIN_MASK).load(Ordering::Acquire);

@@ -1,9 +1,9 @@
 //! Which processes have a segment mapped, as `/proc` shows it.
 //!
-//! Locks show which peers of this crate live. Legacy peers hold none. Their publisher is known to be
-//! dead only when no process has its file mapped but readers of this crate. A process that may not
-//! be inspected (on most machines some daemons may not) counts as not having it mapped: a publisher
-//! among them shows itself by its next message.
+//! Locks show which peers of this crate live. Legacy peers hold none. Their publisher is known to
+//! be dead only when no process has its file mapped but readers of this crate. A process that may
+//! not be inspected (on most machines some daemons may not) counts as not having it mapped: a
+//! publisher among them shows itself by its next message.
 
 use std::collections::HashMap;
 
@@ -33,8 +33,8 @@ pub struct Nameless {
     pub topic: Topic,
 }
 
-/// Returns the processes that publish in segments whose names were removed or given to other files,
-/// as far as they can be seen.
+/// Returns the processes that publish in segments whose names were removed or given to other
+/// files, as far as they can be seen.
 ///
 /// No subscriber finds such a topic any more. Legacy peers with a removed segment are among them,
 /// publishers and readers alike. A publisher of this crate gets its name back by itself, and is
@@ -63,9 +63,9 @@ pub fn nameless_publishers() -> Vec<Nameless> {
     found
 }
 
-/// Returns a process that has a legacy segment mapped as its publisher would. The process that had
-/// it mapped at the last search is looked at first. `own` is a reader slot that is held through this
-/// very segment.
+/// Returns a process that has a legacy segment mapped as its publisher would. The process that
+/// had it mapped at the last search is looked at first. `own` is a reader slot that is held
+/// through this very segment.
 pub(crate) fn legacy_peer(
     segment: &Segment,
     source: &impl Source,
@@ -84,8 +84,8 @@ pub(crate) fn legacy_peer(
         .or_else(|| os::process_ids().into_iter().find(is_peer))
 }
 
-/// Returns whether another process has a segment open and not mapped, as a legacy publisher has it
-/// that is about to use it.
+/// Returns whether another process has a segment open and not mapped, as a legacy publisher has
+/// it that is about to use it.
 pub(crate) fn is_about_to_be_mapped(segment: &Segment) -> bool {
     let Ok(file) = segment.id() else {
         return false;
@@ -164,7 +164,7 @@ mod tests {
                         /dev/shm/conduit_imu";
 
     #[test]
-    fn a_line_of_a_writable_shared_mapping_tells_its_file() {
+    fn a_line_of_a_writable_shared_mapping_is_parsed() {
         let file = FileId {
             device: (0, 0x1b),
             inode: 4711,

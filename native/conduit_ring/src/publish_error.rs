@@ -37,9 +37,9 @@ pub enum PublishError {
     SlotHeld,
     /// The publisher belongs to the process that forked this one. Open the topic in this process.
     Forked,
-    /// The topic's name does not lead to this publisher's file any more, and the file could not be
-    /// made anew. [`Publisher::trouble`](crate::Publisher::trouble) says why. The publisher tries
-    /// again, at most four times a second.
+    /// The topic's name does not lead to this publisher's file any more, and the file could not
+    /// be made anew. [`Publisher::trouble`](crate::Publisher::trouble) says why. The publisher
+    /// tries again, at most four times a second.
     NameLost,
 }
 

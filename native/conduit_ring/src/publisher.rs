@@ -60,8 +60,8 @@ impl Publisher {
     /// - [`Error::PublisherAlive`] while another publisher of the topic lives.
     /// - [`Error::ForeignOwner`] when the file belongs to a user who is not
     ///   [trusted](crate::trust), [`Error::InvalidTrust`] when the list of those is invalid.
-    /// - [`Error::LegacyInUse`] or [`Error::BadSegment`] when the file is not a ring of this crate
-    ///   and a process may use it (see [`PublisherOptions::force`]).
+    /// - [`Error::LegacyInUse`] or [`Error::BadSegment`] when the file is not a ring of this
+    ///   crate and a process may use it (see [`PublisherOptions::force`]).
     /// - [`Error::Os`] when the operating system refuses, for example because `/dev/shm` is full.
     pub fn open(topic: &Topic, options: &PublisherOptions) -> Result<Publisher, Error> {
         Ok(Publisher {

@@ -42,7 +42,7 @@ pub(crate) enum Dialect {
     Legacy,
 }
 
-/// A private cursor over a segment, and the count of what it lost.
+/// A private cursor over a segment, and the count of its losses.
 pub(crate) struct Reader {
     cursor: u64,
     dialect: Dialect,
@@ -71,8 +71,8 @@ impl Reader {
         }
     }
 
-    /// Makes a reader that has seen every message before `cursor`, and has lost some of them since
-    /// its last delivery.
+    /// Makes a reader that has seen every message before `cursor`, and has lost some of them
+    /// since its last delivery.
     pub(crate) fn resume(dialect: Dialect, cursor: u64, lost: u64) -> Reader {
         Reader {
             cursor,
@@ -144,7 +144,8 @@ impl Reader {
         None
     }
 
-    /// Moves the cursor to the oldest message that may be read. Returns `false` when there is none.
+    /// Moves the cursor to the oldest message that may be read. Returns `false` when there is
+    /// none.
     #[inline]
     fn catch_up(&mut self, source: &impl Source, published: u64, policy: Policy) -> bool {
         if self.cursor > published {
@@ -185,9 +186,9 @@ impl Reader {
         Some(self.deliver(timestamp_ns, len))
     }
 
-    /// Pins the message at the cursor in its slot. Returns `None`, and sets no pin, when the message
-    /// cannot be trusted. A writer that looks at pins leaves the slot alone until the pin is
-    /// cleared.
+    /// Pins the message at the cursor in its slot. Returns `None`, and sets no pin, when the
+    /// message cannot be trusted. A writer that looks at pins leaves the slot alone until the pin
+    /// is cleared.
     pub(crate) fn take_pinned(&mut self, memory: &Memory, pin: At64) -> Option<Meta> {
         pins::pin(memory, pin, self.cursor);
         // From here on the payload does not change, if this message is still there. The header

@@ -105,7 +105,8 @@ impl Permit {
         // Relaxed: only the one subscriber takes permits, so that a free one stays free.
         let taken = registration.permits.load(Relaxed);
         let number = (0..all).find(|number| taken & 1 << number == 0)?;
-        // Acquire: pairs with the Release in drop, so that a pin is cleared before it is set again.
+        // Acquire: pairs with the Release in drop, so that a pin is cleared before it is set
+        // again.
         registration.permits.fetch_or(1 << number, Acquire);
         Some(Permit {
             registration: registration.clone(),

@@ -1,11 +1,11 @@
 //! Repairs of the files that crashes left, for a person's tool.
 //!
-//! The ring needs none of them: publishers and subscribers repair by themselves whatever stands in
-//! their way. These functions remove leftovers of topics that are no longer used, and answer the
-//! questions of `ganglion doctor`.
+//! The ring needs none of them: publishers and subscribers repair by themselves whatever stands
+//! in their way. These functions remove leftovers of topics that are no longer used, and answer
+//! the questions of `ganglion doctor`.
 //!
-//! Each one touches a file only under the publisher's lock, or under a dead reader's lock, and only
-//! when no process uses it.
+//! Each one touches a file only under the publisher's lock, or under a dead reader's lock, and
+//! only when no process uses it.
 
 use crate::attach;
 use crate::claim;
@@ -38,7 +38,8 @@ pub enum Repair {
 
 /// Takes back the reader slots of readers that died, and returns how many there were.
 ///
-/// Live topics are no exception: a slot is taken back under its lock, as each new subscriber does.
+/// Live topics are no exception: a slot is taken back under its lock, as each new subscriber
+/// does.
 ///
 /// # Errors
 /// - [`Error::NoTopic`] when the topic does not exist.
@@ -73,8 +74,8 @@ pub fn is_left_by_legacy_publisher(topic: &Topic) -> Result<bool, Error> {
 
 /// Removes the file of a topic whose publisher is dead and that no process has open.
 ///
-/// A damaged file is removed too if it shows that it was a ring once, or if its header is all zeros
-/// and so was never filled.
+/// A damaged file is removed too if it shows that it was a ring once, or if its header is all
+/// zeros and so was never filled.
 ///
 /// ```
 /// use conduit_ring::repair::{Repair, remove_abandoned};

@@ -29,7 +29,8 @@ impl<'a> IntoVec<'a> {
     /// The last room was asked for at least `len` bytes, and `len` bytes were written there.
     #[inline]
     pub(crate) unsafe fn finish(self, len: usize) {
-        // SAFETY: the vector has that room, and its bytes are initialised, by the caller's promise.
+        // SAFETY: the vector has that room, and its bytes are initialised, by the caller's
+        // promise.
         unsafe { self.buffer.set_len(len) };
     }
 }
@@ -91,7 +92,8 @@ impl IntoBox {
     }
 }
 
-// SAFETY: the vector is at least as long as was asked for, and stays in place until the next call.
+// SAFETY: the vector is at least as long as was asked for, and stays in place until the next
+// call.
 unsafe impl Sink for IntoBox {
     fn room(&mut self, len: usize) -> *mut u8 {
         if self.0.len() < len {

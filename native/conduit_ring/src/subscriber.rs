@@ -166,8 +166,8 @@ impl Subscriber {
     /// Sleeps until [`Subscriber::try_read`] has a message or a change to return, a [`Waker`] is
     /// used or `timeout` has passed.
     ///
-    /// The thread sleeps in the kernel and is woken by the next message. It wakes at least twice a
-    /// second, to check that the publisher lives.
+    /// The thread sleeps in the kernel and is woken by the next message. It wakes at least twice
+    /// a second, to check that the publisher lives.
     ///
     /// # Errors
     /// As [`Subscriber::try_read`].
@@ -261,7 +261,7 @@ mod tests {
 
     /// What happens between a look for messages that finds none and a look at the publisher.
     #[test]
-    fn what_was_published_in_between_comes_before_the_word_that_the_publisher_is_gone() {
+    fn messages_published_between_two_checks_come_before_the_end_of_the_publisher() {
         let ends: [fn(Publisher); 2] = [Publisher::close, Publisher::abandon];
         for end in ends {
             let name = format!("last-words-{}", std::process::id());

@@ -96,7 +96,8 @@ fn take_over_or_retire(
     found: Segment,
     header: Header,
 ) -> Result<Option<Attached>, Error> {
-    let same = header.geometry.has_slots_of(&options.geometry) && header.content == options.content;
+    let same_slots = header.geometry.has_slots_of(&options.geometry);
+    let same = same_slots && header.content == options.content;
     if same {
         found
             .allocate(header.geometry.segment_len())
@@ -210,7 +211,7 @@ mod tests {
             Scratch(Topic::new(&format!("create-{}-{name}", std::process::id())).unwrap())
         }
 
-        /// Leaves what a publisher that died leaves.
+        /// Leaves a segment as a publisher that died leaves it.
         fn leave_dead(&self) -> Segment {
             let mut publisher = Publisher::open(&self.0, &PublisherOptions::default()).unwrap();
             publisher.publish(b"last words").unwrap();
@@ -250,7 +251,8 @@ mod tests {
 
     #[test]
     fn a_takeover_allocates_what_the_file_lacks() {
-        // More than there is: what is not asked for shows only when it is written, by a signal.
+        // More memory than exists. Pages that are not allocated show only when they are written,
+        // by a signal.
         let geometry = Geometry::slots(1 << 20, 1 << 30).unwrap();
         let scratch = Scratch::new("sparse");
         let file = File::create(scratch.0.path()).unwrap();

@@ -33,8 +33,8 @@ fn named(directory: Option<OsString>) -> PathBuf {
 /// A checked topic name, which can name nothing but a segment.
 ///
 /// [`Topic::new`] accepts `[A-Za-z0-9_.-]{1,200}`: these are the names that a
-/// [`Publisher`](crate::Publisher) may make. [`Topic::found`] accepts whatever name a publisher with
-/// other rules has used.
+/// [`Publisher`](crate::Publisher) may make. [`Topic::found`] accepts whatever name a publisher
+/// with other rules has used.
 ///
 /// The file lies in `/dev/shm`, or in the directory that the variable `CONDUIT_RING_DIR` of the
 /// environment names.
@@ -68,13 +68,15 @@ impl Topic {
 
     /// Checks the name of a topic that a publisher with other rules made.
     ///
-    /// It accepts any characters but control characters and `/`, as far as a file can have the name.
-    /// For reading: a [`Publisher`](crate::Publisher) refuses a name that [`Topic::new`] refuses.
+    /// It accepts any characters but control characters and `/`, as far as a file can have the
+    /// name. For reading: a [`Publisher`](crate::Publisher) refuses a name that [`Topic::new`]
+    /// refuses.
     ///
     /// ```
     /// use conduit_ring::Topic;
     ///
-    /// assert_eq!(Topic::found("front:rgb")?.path().to_str(), Some("/dev/shm/conduit_front:rgb"));
+    /// let topic = Topic::found("front:rgb")?;
+    /// assert_eq!(topic.path().to_str(), Some("/dev/shm/conduit_front:rgb"));
     /// assert!(Topic::found("../etc/passwd").is_err());
     /// # Ok::<(), conduit_ring::Error>(())
     /// ```

@@ -1,8 +1,8 @@
 //! Which users' files are mapped.
 //!
-//! The owner of a file can shorten it at any moment, and every process that has it mapped then gets
-//! SIGBUS. `/dev/shm` is open to all users of a machine, so that any of them can make a file with a
-//! topic's name. Hence a stranger's file is never mapped: publishers refuse it
+//! The owner of a file can shorten it at any moment, and every process that has it mapped then
+//! gets SIGBUS. `/dev/shm` is open to all users of a machine, so that any of them can make a file
+//! with a topic's name. Hence a stranger's file is never mapped: publishers refuse it
 //! ([`Error::ForeignOwner`]), and subscribers read it by `pread` alone ([`Guard`](crate::Guard)).
 //! Programs that run as users of their own name each other here.
 //!
@@ -11,8 +11,8 @@
 //! 1. The file of the process's own user is trusted.
 //! 2. After [`Trusted::apply`], the users and groups that it was given, and no others.
 //! 3. Otherwise those that the environment lists in `CONDUIT_RING_TRUSTED_UIDS` and
-//!    `CONDUIT_RING_TRUSTED_GIDS`: numbers or names, separated by commas. A program that was started
-//!    with more rights than its user has (setuid) does not read them.
+//!    `CONDUIT_RING_TRUSTED_GIDS`: numbers or names, separated by commas. A program that was
+//!    started with more rights than its user has (setuid) does not read them.
 //!
 //! ```sh
 //! CONDUIT_RING_TRUSTED_UIDS=vision,camera my_program
@@ -81,8 +81,8 @@ impl Trusted {
         Trusted::parse(&list(USERS_VARIABLE), &list(GROUPS_VARIABLE))
     }
 
-    /// Trusts these users and groups from now on, in all of this process, and no longer those that
-    /// the environment lists.
+    /// Trusts these users and groups from now on, in all of this process, and no longer those
+    /// that the environment lists.
     pub fn apply(self) {
         *APPLIED.write().unwrap_or_else(PoisonError::into_inner) = Some(self);
     }

@@ -1,9 +1,9 @@
 //! Checks the names of publishers while they are silent.
 //!
-//! A publisher that publishes checks by itself whether its topic's name still leads to its file. A
-//! publisher that may be silent for longer needs calls of
-//! [`Publisher::look_after`](crate::Publisher::look_after): in a loop of its owner's, or by a thread
-//! from here, for owners without a loop, such as the bindings of other languages.
+//! A publisher that publishes checks by itself whether its topic's name still leads to its file.
+//! A publisher that may be silent for longer needs calls of
+//! [`Publisher::look_after`](crate::Publisher::look_after): in a loop of its owner's, or by a
+//! thread from here, for owners without a loop, such as the bindings of other languages.
 //!
 //! ```
 //! use std::sync::{Arc, Mutex};
@@ -66,8 +66,8 @@ enum Stage {
 impl Upkeep {
     /// Calls `look` four times a second until it returns `false`.
     ///
-    /// The thread runs when this function returns. So a child that is forked next does not inherit
-    /// locks that starting a thread takes, such as the allocator's.
+    /// The thread runs when this function returns. So a child that is forked next does not
+    /// inherit locks that starting a thread takes, such as the allocator's.
     ///
     /// # Errors
     /// Returns the operating system's error when it cannot start a thread. The publisher then

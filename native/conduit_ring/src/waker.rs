@@ -12,7 +12,8 @@ use crate::writer;
 /// Wakes a subscriber from another thread.
 ///
 /// A wake-up makes the subscriber's current [`wait`](crate::Subscriber::wait), or its next one,
-/// return [`Wait::Woken`](crate::Wait::Woken) at once. A waker can be cloned and sent to any thread.
+/// return [`Wait::Woken`](crate::Wait::Woken) at once. A waker can be cloned and sent to any
+/// thread.
 ///
 /// ```
 /// use std::thread;
@@ -66,8 +67,8 @@ impl Waker {
         })
     }
 
-    /// Wakes the subscriber, whatever it sleeps on. Several wake-ups before its next wait count as
-    /// one.
+    /// Wakes the subscriber, whatever it sleeps on. Several wake-ups before its next wait count
+    /// as one.
     pub fn wake(&self) {
         // SeqCst: pairs with the fence between a sleeper's preparations and its last look at
         // `woken`. Either that look sees the wake-up, or the event and the alarm below wake it.

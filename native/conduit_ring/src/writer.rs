@@ -25,8 +25,8 @@
 //! - **No lost wake-up.** `write_idx` and `futex_word` stand before a SeqCst fence, and the masks
 //!   behind it. A sleeper sets its waiting bit, has a SeqCst fence, and checks `write_idx` behind
 //!   it. At least one of the two sees the other.
-//! - **No overwritten hold.** `write_intent` stands before a SeqCst fence, and the pins behind it:
-//!   see `pins.rs`.
+//! - **No overwritten hold.** `write_intent` stands before a SeqCst fence, and the pins behind
+//!   it: see `pins.rs`.
 
 use crate::layout::{
     DROPPED_PINNED, FUTEX_WORD, LAST_PUBLISH, NATIVE_MASK, NO_MESSAGE, POISON, REJECTED_OVERSIZE,
@@ -188,8 +188,8 @@ impl Writer {
     }
 
     /// Uses up the number of the next message, whose slot readers hold. The slot gets its number,
-    /// no length and no time, and keeps its payload. Returns `false`, and does nothing, when there
-    /// is no other slot to continue with.
+    /// no length and no time, and keeps its payload. Returns `false`, and does nothing, when
+    /// there is no other slot to continue with.
     ///
     /// The number must stand there for legacy readers: a legacy reader that finds another number
     /// than it expects goes back by a whole ring.

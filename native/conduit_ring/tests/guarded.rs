@@ -1,4 +1,4 @@
-//! Subscribers that others cannot kill by cutting the file off.
+//! Subscribers that no other process can kill by shortening the file.
 #![cfg(not(loom))]
 
 mod support;
@@ -20,7 +20,7 @@ use support::{
 
 const WAITING_MASK: usize = 140;
 
-/// Not a test but what a helper process does.
+/// The program of a helper process; not a test.
 #[test]
 fn child() {
     match role() {
@@ -69,7 +69,7 @@ fn guarded(topic: &Topic) -> Subscriber {
     Subscriber::open(topic, &options).unwrap()
 }
 
-/// Another process makes the file shorter.
+/// Shortens the file from another process.
 fn truncate(topic: &Topic, len: usize) {
     let done = Command::new("truncate")
         .arg(format!("--size={len}"))
@@ -79,7 +79,7 @@ fn truncate(topic: &Topic, len: usize) {
     assert!(done.success());
 }
 
-/// Reads until the file is found to be broken, `Some`, or its publisher to be gone.
+/// Reads until the file turns out to be broken (`Some`) or its publisher to have ended.
 fn read_to_the_break(subscriber: &mut Subscriber) -> Option<Error> {
     let (mut buffer, deadline) = (Vec::new(), Instant::now() + LONG);
     loop {
@@ -118,7 +118,7 @@ fn a_guarded_subscriber_sleeps_is_woken_and_does_not_show() {
             thread::yield_now();
         }
     };
-    // A sleep that ends by itself just then is not counted as woken.
+    // A sleep that ends by itself at that moment does not count as woken.
     while publisher.info().wake_count == 0 {
         thread::scope(|scope| {
             let sleeper = scope.spawn(|| next_message(&mut subscriber, &mut Vec::new()));
@@ -157,7 +157,7 @@ fn a_guarded_reader_killed_in_its_sleep_does_not_cost_a_wake_up_for_ever() {
 }
 
 #[test]
-fn another_users_topic_is_guarded_by_itself() {
+fn another_users_topic_is_guarded_automatically() {
     let topic = Scratch::new();
     let mut publisher = publisher(&topic);
     if chown(topic.path(), Some(65_534), None).is_err() {
@@ -234,7 +234,7 @@ fn a_file_that_is_cut_off_under_a_guarded_sleeper_is_noticed_without_a_signal() 
         let found = thread::scope(|scope| {
             let sleeper = scope.spawn(|| {
                 loop {
-                    // A waker ends the wait with nothing.
+                    // A waker ends the wait without a message.
                     match subscriber.read_timeout(&mut Vec::new(), LONG) {
                         Ok(Read::Nothing) => {}
                         found => return found,
@@ -257,7 +257,7 @@ fn a_file_that_is_cut_off_under_a_guarded_sleeper_is_noticed_without_a_signal() 
 }
 
 #[test]
-fn a_file_that_is_cut_off_under_a_guarded_observer_is_no_signal_either() {
+fn a_file_that_is_cut_off_under_a_guarded_observer_is_noticed_without_a_signal() {
     let topic = Scratch::new();
     let _helper = Helper::start("publisher", &topic);
     let options = ObserverOptions {
@@ -299,7 +299,7 @@ fn a_guarded_subscriber_follows_its_topic_into_the_next_life() {
 }
 
 #[test]
-fn sixteen_guarded_subscribers_are_all_that_a_topic_takes() {
+fn a_topic_takes_sixteen_guarded_subscribers() {
     let topic = Scratch::new();
     let _publisher = publisher(&topic);
     let _all: Vec<_> = (0..16).map(|_| guarded(&topic)).collect();

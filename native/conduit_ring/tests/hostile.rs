@@ -1,4 +1,5 @@
-//! Files that are damaged or made in bad faith: an error or no data, never a crash, a hang or a byte out of bounds.
+//! Files that are damaged or made in bad faith give an error or no data: never a crash, a hang or
+//! a byte out of bounds.
 #![cfg(not(loom))]
 
 mod support;
@@ -43,7 +44,7 @@ fn is_documented(error: &Error) -> bool {
     )
 }
 
-/// Does everything that a peer does with a file.
+/// Uses a file in every way that a peer does.
 fn use_file(bytes: &[u8]) {
     let topic = Scratch::new();
     std::fs::write(topic.path(), bytes).unwrap();
@@ -94,7 +95,7 @@ fn read_a_while(mut subscriber: Subscriber, file_len: usize) {
     }
 }
 
-/// CRC-32 as IEEE 802.3 has it, over geometry and content tag.
+/// Stores the CRC-32 (IEEE 802.3) of geometry and content tag.
 fn seal(bytes: &mut [u8]) {
     let mut crc = !0_u32;
     for byte in bytes[..16].iter().chain(&bytes[48..56]) {
@@ -116,7 +117,9 @@ fn interesting() -> impl Strategy<Value = u64> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..Default::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 400, failure_persistence: None, ..Default::default()
+    })]
 
     #[test]
     fn random_bytes_are_an_error(bytes in prop::collection::vec(any::<u8>(), 0..3000)) {
@@ -137,7 +140,10 @@ proptest! {
 
     #[test]
     fn every_geometry_with_a_right_checksum_is_checked_against_the_file(
-        slot_count in interesting(), slot_size in interesting(), readers in prop_oneof![9 => Just(16), 1 => any::<u32>()], len in 0..4000_usize,
+        slot_count in interesting(),
+        slot_size in interesting(),
+        readers in prop_oneof![9 => Just(16), 1 => any::<u32>()],
+        len in 0..4000_usize,
     ) {
         let mut bytes = sound(small(), 3);
         bytes[..4].copy_from_slice(&(slot_count as u32).to_le_bytes());
@@ -173,7 +179,8 @@ proptest! {
 
     #[test]
     fn a_header_that_changes_under_a_subscriber_is_survived(
-        changes in prop::collection::vec((0..HEADER / 8, interesting()), 1..60), guarded in any::<bool>(),
+        changes in prop::collection::vec((0..HEADER / 8, interesting()), 1..60),
+        guarded in any::<bool>(),
     ) {
         let topic = Scratch::new();
         std::fs::write(topic.path(), sound(small(), 6)).unwrap();

@@ -1,4 +1,4 @@
-//! Messages that are looked at where they lie, and written where they will be read.
+//! Messages that are read in their slots, and written there.
 #![cfg(not(loom))]
 
 mod support;
@@ -16,7 +16,7 @@ use support::{
     Helper, LONG, Raw, Scratch, next_message, proven_number, proving_message, role, tell_ready,
 };
 
-/// Not a test but what a helper process does.
+/// The program of a helper process; not a test.
 #[test]
 fn child() {
     match role() {
@@ -66,7 +66,7 @@ fn publish_for_ever(topic: &Topic) {
     let mut publisher = publisher(topic);
     tell_ready();
     loop {
-        // Behind the slots that are held.
+        // The messages go behind the held slots.
         let Ok(n) = publisher.loan(0).map(|loan| loan.sequence()) else {
             continue;
         };
@@ -96,7 +96,7 @@ fn lease(subscriber: &mut Subscriber) -> (Meta, Lease) {
     }
 }
 
-/// A subscriber whose publisher knows that it uses leases: the first one is over.
+/// Returns a subscriber whose publisher knows that it uses leases: its first one is over.
 fn leasing(topic: &Topic, publisher: &mut Publisher) -> Subscriber {
     let mut subscriber = subscriber(topic, Start::New);
     publisher.publish(b"first").unwrap();
@@ -104,7 +104,7 @@ fn leasing(topic: &Topic, publisher: &mut Publisher) -> Subscriber {
     subscriber
 }
 
-/// Publishes on a ring of four slots of which one is held, and tells the numbers of the messages.
+/// Publishes on a ring of four slots of which one is held. Returns the numbers of the messages.
 fn publish_around(times: u64, publisher: &mut Publisher) -> Vec<u64> {
     (0..times)
         .map(|_| publisher.publish(b"goes on").unwrap())
@@ -136,7 +136,7 @@ fn a_held_slot_is_passed_over_with_its_number_and_its_message_stays() {
 }
 
 #[test]
-fn a_reader_that_holds_stops_nobody_else_and_others_count_what_it_costs() {
+fn a_reader_that_holds_slots_stops_no_other_reader_and_costs_them_counted_messages() {
     let topic = Scratch::new();
     let mut publisher = publisher(&topic);
     let mut other = subscriber(&topic, Start::New);
@@ -193,7 +193,7 @@ fn a_message_is_dropped_and_counted_once_all_slots_are_held() {
 }
 
 #[test]
-fn others_go_on_reading_what_one_holds_until_its_number_is_passed_over() {
+fn other_readers_read_a_held_message_until_its_slot_is_passed_over() {
     let topic = Scratch::new();
     let mut publisher = publisher(&topic);
     let mut holder = leasing(&topic, &mut publisher);
@@ -226,7 +226,7 @@ fn the_newest_message_is_found_behind_a_number_that_was_passed_over() {
     };
     let mut newest = Subscriber::open(&topic, &options).unwrap();
     publish_times(3, &mut publisher, b"newest");
-    // Number 5 is used up, and its successor is not there yet.
+    // Number 5 is used up, and the message behind it is not published yet.
     let _lent = publisher.loan(4).unwrap();
     let mut buffer = Vec::new();
     assert_eq!(next_message(&mut newest, &mut buffer), (4, 2));
@@ -247,7 +247,7 @@ fn an_empty_message_is_not_taken_for_a_number_that_was_passed_over() {
 }
 
 #[test]
-fn a_first_lease_on_what_is_about_to_be_overwritten_is_a_copy() {
+fn a_first_lease_on_a_message_that_is_about_to_be_overwritten_is_a_copy() {
     let topic = Scratch::new();
     let mut publisher = publisher(&topic);
     let mut subscriber = subscriber(&topic, Start::New);
@@ -281,7 +281,7 @@ fn three_leases_at_a_time_and_the_message_of_the_fourth_is_kept() {
 }
 
 #[test]
-fn a_holder_that_is_killed_stalls_nobody() {
+fn a_killed_holder_stalls_no_publisher() {
     let topic = Scratch::new();
     let mut publisher = publisher(&topic);
     publisher.publish(b"held").unwrap();
@@ -297,7 +297,7 @@ fn a_holder_that_is_killed_stalls_nobody() {
 }
 
 #[test]
-fn a_killed_holder_that_was_not_looked_at_before_costs_no_message() {
+fn a_killed_holder_that_was_not_checked_before_costs_no_message() {
     let topic = Scratch::new();
     let mut publisher = publisher(&topic);
     publisher.publish(b"held").unwrap();
@@ -309,7 +309,7 @@ fn a_killed_holder_that_was_not_looked_at_before_costs_no_message() {
 }
 
 #[test]
-fn what_a_killed_holder_left_is_taken_back_by_a_loan_too() {
+fn a_loan_takes_the_slot_of_a_killed_holder_back_too() {
     let topic = Scratch::new();
     let mut publisher = publisher(&topic);
     publisher.publish(b"held").unwrap();
@@ -320,7 +320,7 @@ fn what_a_killed_holder_left_is_taken_back_by_a_loan_too() {
 }
 
 #[test]
-fn a_successor_respects_what_is_held() {
+fn a_successor_respects_held_messages() {
     let topic = Scratch::new();
     let mut first = publisher(&topic);
     let mut subscriber = leasing(&topic, &mut first);
@@ -339,7 +339,7 @@ fn a_successor_respects_what_is_held() {
 }
 
 #[test]
-fn a_lease_outlives_its_subscriber_and_then_gives_up_its_place() {
+fn a_lease_outlives_its_subscriber_and_then_releases_the_reader_slot() {
     let topic = Scratch::new();
     let mut publisher = publisher(&topic);
     let mut subscriber = leasing(&topic, &mut publisher);
@@ -394,13 +394,13 @@ fn a_detached_lease_keeps_its_bytes_where_they_are_and_gives_the_slot_back() {
     drop((publisher, subscriber));
     for (lease, message) in kept.iter().zip(&messages) {
         assert_eq!(&lease.to_vec(), message);
-        // SAFETY: the pages are private, so that nobody writes there.
+        // SAFETY: the pages are private, so that no process writes there.
         assert_eq!(unsafe { lease.as_slice() }, &message[..]);
     }
 }
 
 #[test]
-fn who_reads_while_a_lease_is_detached_sees_the_same_bytes_all_the_time() {
+fn a_thread_that_reads_while_a_lease_is_detached_sees_the_same_bytes() {
     let topic = Scratch::new();
     let mut publisher = publisher(&topic);
     let mut subscriber = leasing(&topic, &mut publisher);
@@ -428,7 +428,7 @@ fn who_reads_while_a_lease_is_detached_sees_the_same_bytes_all_the_time() {
 }
 
 #[test]
-fn held_messages_never_change_while_a_publisher_goes_round_and_round() {
+fn held_messages_never_change_while_a_publisher_laps() {
     let topic = Scratch::new();
     let _helper = Helper::start("publisher", &topic);
     thread::scope(|scope| {
@@ -440,7 +440,7 @@ fn held_messages_never_change_while_a_publisher_goes_round_and_round() {
                     let (meta, lease) = lease(&mut subscriber);
                     assert_eq!(proven_number(&lease.to_vec()), Ok(meta.sequence));
                     held.push_back(lease);
-                    // Never all four slots between the two of them while both wait.
+                    // The two together never hold all four slots while both wait.
                     if held.len() == 2 {
                         held.iter().for_each(|lease| {
                             assert_eq!(proven_number(&lease.to_vec()), Ok(lease.meta().sequence));

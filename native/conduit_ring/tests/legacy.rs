@@ -17,7 +17,7 @@ use support::{LONG, Raw, Scratch, next, next_message};
 const SLOTS: u64 = 4;
 const HEADER: usize = 1216;
 
-/// A publisher as conduit's: it knows nothing of the extension and wakes after each message.
+/// A publisher as conduit's: it ignores the extension and wakes the readers after each message.
 struct LegacyPublisher {
     raw: Raw,
     slot_size: usize,
@@ -54,8 +54,8 @@ impl LegacyPublisher {
     }
 }
 
-/// A subscriber as conduit's: it claims a bit, keeps its cursor in the segment and sleeps without a time limit. From a number
-/// that is not the expected one it goes back by a whole ring.
+/// A subscriber as conduit's: it claims a bit, keeps its cursor in the segment and sleeps without
+/// a time limit. When it finds a number that it does not expect, it goes back by a whole ring.
 struct LegacySubscriber {
     raw: Raw,
     index: usize,
@@ -139,7 +139,7 @@ fn subscriber(topic: &Topic, start: Start) -> Subscriber {
 }
 
 #[test]
-fn a_legacy_subscriber_reads_what_a_publisher_writes() {
+fn a_legacy_subscriber_reads_the_messages_of_a_publisher() {
     let topic = Scratch::new();
     let mut publisher = publisher(&topic);
     let legacy = LegacySubscriber::open(&topic);
@@ -215,7 +215,7 @@ fn a_sleeping_legacy_subscriber_is_woken_also_in_the_slot_of_a_native_one_that_l
 }
 
 #[test]
-fn a_slot_being_written_is_no_data_for_a_legacy_subscriber() {
+fn a_slot_that_is_being_written_is_no_data_for_a_legacy_subscriber() {
     let topic = Scratch::new();
     let mut publisher = publisher(&topic);
     let legacy = LegacySubscriber::open(&topic);
@@ -245,7 +245,7 @@ fn legacy_and_native_subscribers_share_the_reader_slots() {
 }
 
 #[test]
-fn a_subscriber_reads_what_a_legacy_publisher_writes_whatever_the_alignment_of_its_slots() {
+fn a_subscriber_reads_the_messages_of_a_legacy_publisher_at_any_alignment_of_its_slots() {
     for slot_size in [4096, 100, 101, 102, 103] {
         let topic = Scratch::new();
         let legacy = LegacyPublisher::create(&topic, slot_size);
@@ -254,9 +254,11 @@ fn a_subscriber_reads_what_a_legacy_publisher_writes_whatever_the_alignment_of_i
         for n in 0..20_u64 {
             legacy.publish(format!("message {n}").as_bytes());
             let read = next(&mut subscriber, &mut buffer);
-            assert!(
-                matches!(read, Read::Message(meta) if meta.sequence == n && meta.timestamp_ns == n + 1000 && meta.lost == 0)
-            );
+            let Read::Message(meta) = read else {
+                panic!("{read:?}")
+            };
+            let got = (meta.sequence, meta.timestamp_ns, meta.lost);
+            assert_eq!(got, (n, n + 1000, 0));
             assert_eq!(buffer, format!("message {n}").into_bytes());
         }
         assert_eq!(subscriber.try_read(&mut buffer).unwrap(), Read::Nothing);
@@ -264,7 +266,7 @@ fn a_subscriber_reads_what_a_legacy_publisher_writes_whatever_the_alignment_of_i
 }
 
 #[test]
-fn one_slot_fewer_of_a_legacy_publisher_is_trusted() {
+fn a_legacy_publisher_has_one_usable_slot_fewer() {
     let topic = Scratch::new();
     let legacy = LegacyPublisher::create(&topic, 4096);
     let mut reader = subscriber(&topic, Start::New);
@@ -329,7 +331,7 @@ fn a_legacy_publisher_that_clears_the_header_in_place_takes_no_claim_away_for_lo
 }
 
 #[test]
-fn a_native_publisher_replaces_a_legacy_file_only_if_nobody_uses_it_or_by_force() {
+fn a_native_publisher_replaces_a_legacy_file_only_if_no_process_uses_it_or_by_force() {
     let topic = Scratch::new();
     let legacy = LegacyPublisher::create(&topic, 4096);
     let refusal = Publisher::open(&topic, &PublisherOptions::default()).unwrap_err();
@@ -347,14 +349,14 @@ fn a_native_publisher_replaces_a_legacy_file_only_if_nobody_uses_it_or_by_force(
     assert_eq!(Info::read(&topic).unwrap().state, State::Live);
 }
 
-/// As conduit's publisher makes its topic when it starts: under a new file.
+/// Makes the topic as conduit's publisher does when it starts: in a new file.
 fn restart(topic: &Topic) -> LegacyPublisher {
     let _ = std::fs::remove_file(topic.path());
     LegacyPublisher::create(topic, 64)
 }
 
 #[test]
-fn a_legacy_publisher_that_comes_back_fifteen_times_loses_nothing_untold() {
+fn a_legacy_publisher_that_restarts_fifteen_times_loses_no_uncounted_message() {
     let topic = Scratch::new();
     let mut legacy = restart(&topic);
     let mut reader = subscriber(&topic, Start::New);
@@ -373,7 +375,7 @@ fn a_legacy_publisher_that_comes_back_fifteen_times_loses_nothing_untold() {
             for _ in 0..20 {
                 legacy.publish(b"message");
             }
-            // It closes and comes back as soon as its last life was noticed, and at the latest after a while.
+            // It closes and restarts as soon as its last life was noticed, or after a while.
             let patience = Instant::now() + LONG;
             while seen.load(Relaxed) < 20 * life {
                 assert!(Instant::now() < patience, "{seen:?} of {}", 20 * life);
@@ -389,7 +391,7 @@ fn a_legacy_publisher_that_comes_back_fifteen_times_loses_nothing_untold() {
 }
 
 #[test]
-fn a_legacy_publisher_that_died_under_readers_of_ours_is_told_and_succeeded() {
+fn a_legacy_publisher_that_died_under_native_readers_is_reported_and_succeeded() {
     let topic = Scratch::new();
     let legacy = LegacyPublisher::create(&topic, 64);
     let mut reader = subscriber(&topic, Start::New);
@@ -426,7 +428,7 @@ fn a_legacy_publisher_that_is_silent_and_lives_stays_up() {
 }
 
 #[test]
-fn a_legacy_publisher_that_goes_on_in_its_file_after_it_was_found_dead_is_up_again() {
+fn a_legacy_publisher_that_publishes_after_it_was_found_dead_is_up_again() {
     let topic = Scratch::new();
     drop(LegacyPublisher::create(&topic, 64));
     let mut reader = subscriber(&topic, Start::New);
@@ -442,7 +444,7 @@ fn a_legacy_publisher_that_goes_on_in_its_file_after_it_was_found_dead_is_up_aga
 }
 
 #[test]
-fn a_legacy_file_in_the_making_is_awaited() {
+fn a_legacy_file_that_is_being_made_is_awaited() {
     let topic = Scratch::new();
     let file = OpenOptions::new()
         .write(true)

@@ -1,4 +1,4 @@
-//! How topics come, change and go, and what subscribers learn of it.
+//! How topics are made, taken over, retired and closed, and how subscribers notice.
 #![cfg(not(loom))]
 
 mod support;
@@ -59,7 +59,8 @@ fn closing_wakes_a_sleeping_subscriber_at_once() {
     });
 }
 
-/// A segment whose publisher died, as a copy of one whose publisher lives: locks are not copied.
+/// Leaves a segment whose publisher died: a copy of a living publisher's, since a copy has no
+/// lock.
 fn leave_dead(topic: &Topic, geometry: Geometry, messages: u64) {
     let original = Scratch::new();
     let mut publisher = Publisher::open(
@@ -75,7 +76,7 @@ fn leave_dead(topic: &Topic, geometry: Geometry, messages: u64) {
 }
 
 #[test]
-fn a_dead_topic_of_the_same_geometry_goes_on_at_the_same_number() {
+fn a_dead_topic_of_the_same_geometry_continues_at_the_same_number() {
     let topic = Scratch::new();
     leave_dead(&topic, Geometry::default(), 5);
     let dead = Info::read(&topic).unwrap();
@@ -132,9 +133,9 @@ fn a_dead_topic_of_another_geometry_or_content_is_retired_and_its_subscribers_fo
     }
 }
 
-/// A sleeper without a time limit, as a legacy subscriber is.
+/// The sleeper has no time limit, as a legacy subscriber has none.
 #[test]
-fn a_takeover_wakes_who_sleeps() {
+fn a_takeover_wakes_sleepers() {
     let topic = Scratch::new();
     leave_dead(&topic, Geometry::default(), 1);
     let raw = Raw::open(&topic).unwrap();
@@ -202,7 +203,7 @@ fn a_full_file_system_is_an_error_with_its_errno_and_leaves_no_file() {
 }
 
 #[test]
-fn what_is_no_plain_file_is_refused() {
+fn a_name_that_leads_to_no_plain_file_is_refused() {
     let topic = Scratch::new();
     let target = Scratch::new();
     let _target = publisher(&target);
@@ -322,7 +323,7 @@ fn latest_only_gives_the_newest_and_counts_the_skipped() {
 }
 
 #[test]
-fn nobody_asleep_means_no_wake_up_call() {
+fn without_a_sleeper_no_wake_up_call_is_made() {
     let topic = Scratch::new();
     let mut publisher = publisher(&topic);
     let mut subscriber = subscriber(&topic);
@@ -361,7 +362,7 @@ fn of_publishers_that_start_at_once_one_wins() {
 }
 
 #[test]
-fn a_subscriber_that_finds_all_slots_taken_after_a_retirement_says_so_and_gets_in_later() {
+fn a_subscriber_that_finds_all_slots_taken_after_a_retirement_reports_it_and_attaches_later() {
     let topic = Scratch::new();
     let first = publisher(&topic);
     let mut late = subscriber(&topic);
@@ -377,11 +378,11 @@ fn a_subscriber_that_finds_all_slots_taken_after_a_retirement_says_so_and_gets_i
 }
 
 #[test]
-fn a_reader_killed_in_the_midst_of_claiming_or_giving_up_leaks_no_slot() {
+fn a_reader_killed_while_it_claims_or_releases_leaks_no_slot() {
     let topic = Scratch::new();
     let publisher = publisher(&topic);
     let raw = Raw::open(&topic).unwrap();
-    // All lines: bit set, native bit not yet or no more, and nobody holds the lock.
+    // All reader slots: bit set, native bit not yet or no longer set, and the lock free.
     raw.u32(128).store(0xFFFF, Relaxed);
     (0..16).for_each(|i| raw.u64(192 + 64 * i + 32).store(7, Relaxed));
     let readers: Vec<_> = (0..16).map(|_| subscriber(&topic)).collect();
@@ -430,7 +431,7 @@ fn a_policy_can_be_changed() {
 }
 
 #[test]
-fn what_is_too_large_is_counted_by_the_size_as_given_and_stays_so_in_the_next_life() {
+fn a_message_is_too_large_by_the_size_as_given_also_after_a_takeover() {
     let topic = Scratch::new();
     let options = PublisherOptions {
         geometry: Geometry::slots(4, 4100).unwrap(),
@@ -450,7 +451,7 @@ fn what_is_too_large_is_counted_by_the_size_as_given_and_stays_so_in_the_next_li
         publisher.abandon();
     }
 
-    // The slots are the same, so that one who was given another size goes on in place, by that size.
+    // The slots are the same, so that a publisher with another size takes over, with that size.
     let whole = PublisherOptions {
         geometry: Geometry::slots(4, 4160).unwrap(),
         ..Default::default()
@@ -462,7 +463,7 @@ fn what_is_too_large_is_counted_by_the_size_as_given_and_stays_so_in_the_next_li
 }
 
 #[test]
-fn topics_by_the_names_of_others_are_read_and_listed_but_not_made() {
+fn topics_with_names_of_other_rules_are_read_and_listed_but_not_made() {
     for name in ["cam 1", "front:rgb", "größe"] {
         let made = Scratch::new();
         let mut publisher = publisher(&made);

@@ -30,12 +30,12 @@ struct ModelReader {
     policy: Policy,
 }
 
-/// Every number ever used, and who has got how far.
+/// Every number ever used, and the place of each reader.
 struct Model {
     slots: usize,
     /// `None` where a held slot was passed over.
     messages: Vec<Option<Vec<u8>>>,
-    /// Whether the next message was begun and not finished, which cost the oldest one.
+    /// Whether the next message was begun and not finished: the oldest message is lost then.
     begun: bool,
 }
 
@@ -74,11 +74,12 @@ impl Model {
     }
 }
 
-/// With its leases, and whether it is guarded and so does not show.
+/// A subscriber with its leases. A guarded one does not show among the readers.
 type LeasingReader = (Subscriber, ModelReader, Vec<Lease>, bool);
 
 impl Model {
-    /// Passes the numbers over whose slots are held, and tells how many; `Err` when all slots are.
+    /// Passes over the numbers whose slots are held and returns how many; `Err` when all are
+    /// held.
     fn pass_over(&mut self, readers: &[LeasingReader]) -> Result<u64, ()> {
         let leases = readers.iter().flat_map(|reader| &reader.2);
         let held: BTreeSet<usize> = leases
@@ -120,7 +121,8 @@ fn step() -> impl Strategy<Value = Step> {
     });
     prop_oneof![
         8 => parts.prop_map(Step::Publish),
-        2 => (prop::collection::vec(any::<u8>(), 0..40), any::<bool>()).prop_map(|(bytes, commit)| Step::Loan(bytes, commit)),
+        2 => (prop::collection::vec(any::<u8>(), 0..40), any::<bool>())
+            .prop_map(|(bytes, commit)| Step::Loan(bytes, commit)),
         1 => subscribe,
         4 => any::<usize>().prop_map(Step::Lease),
         2 => any::<usize>().prop_map(Step::EndLeases),
@@ -220,7 +222,7 @@ fn run(geometry: Geometry, steps: Vec<Step>) -> Result<(), TestCaseError> {
                 let unread = model.read(&mut reader.clone()).is_some();
                 let held = leases.iter().filter(|lease| lease.holds_slot()).count();
                 if held == 3 {
-                    // A number that was passed over is no message, but it takes a pin to find that out.
+                    // A passed-over number is no message, but only a pin finds that out.
                     let refused =
                         matches!(subscriber.try_lease(), Err(Error::TooManyLeases { .. }));
                     prop_assert!(refused || !unread);
@@ -233,7 +235,7 @@ fn run(geometry: Geometry, steps: Vec<Step>) -> Result<(), TestCaseError> {
                         prop_assert_eq!(&lease.to_vec()[..], message);
                         leases.push(lease);
                     }
-                    (read, expected) => prop_assert!(false, "{:?} instead of {:?}", read, expected),
+                    (read, expected) => prop_assert!(false, "{read:?} instead of {expected:?}"),
                 }
             }
             Step::Read(who) => {
@@ -248,7 +250,7 @@ fn run(geometry: Geometry, steps: Vec<Step>) -> Result<(), TestCaseError> {
                         prop_assert_eq!((meta.sequence, meta.lost), (sequence, lost));
                         prop_assert_eq!((meta.len, &buffer[..]), (message.len(), message));
                     }
-                    (read, expected) => prop_assert!(false, "{:?} instead of {:?}", read, expected),
+                    (read, expected) => prop_assert!(false, "{read:?} instead of {expected:?}"),
                 }
             }
         }
@@ -270,7 +272,9 @@ fn run(geometry: Geometry, steps: Vec<Step>) -> Result<(), TestCaseError> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..Default::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 300, failure_persistence: None, ..Default::default()
+    })]
 
     #[test]
     fn the_ring_does_what_a_list_of_messages_does(

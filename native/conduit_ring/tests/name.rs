@@ -15,7 +15,7 @@ use conduit_ring::{
 };
 use support::{Helper, LONG, Scratch, next, next_message, role, tell_ready};
 
-/// Not a test but what a helper process does.
+/// The program of a helper process; not a test.
 #[test]
 fn child() {
     let Some((_, topic)) = role() else { return };
@@ -123,7 +123,7 @@ fn a_silent_publisher_that_is_looked_after_makes_its_topic_anew_and_its_readers_
 }
 
 #[test]
-fn a_name_that_leads_to_what_nobody_uses_is_taken_back() {
+fn a_name_that_leads_to_an_unused_file_is_taken_back() {
     let put: [fn(&Topic); 3] = [
         |topic| fs::write(topic.path(), b"rubbish").unwrap(),
         |topic| fs::write(topic.path(), b"").unwrap(),
@@ -157,7 +157,7 @@ fn a_name_that_was_away_for_a_moment_is_no_reason_to_move() {
 }
 
 #[test]
-fn a_publisher_whose_name_another_one_has_says_so_publishes_nothing_and_waits_for_it() {
+fn a_publisher_whose_name_another_publisher_has_reports_it_publishes_nothing_and_waits() {
     let topic = Scratch::new();
     let mut first = publisher(&topic);
     first.publish(b"0").unwrap();
@@ -182,7 +182,7 @@ fn a_publisher_whose_name_another_one_has_says_so_publishes_nothing_and_waits_fo
 }
 
 #[test]
-fn a_publisher_whose_name_a_stranger_has_says_so_and_leaves_the_file_alone() {
+fn a_publisher_whose_name_a_stranger_has_reports_it_and_leaves_the_file_alone() {
     let topic = Scratch::new();
     let mut publisher = publisher(&topic);
     fs::remove_file(topic.path()).unwrap();
@@ -206,7 +206,7 @@ fn a_publisher_whose_name_a_stranger_has_says_so_and_leaves_the_file_alone() {
 }
 
 #[test]
-fn what_is_held_or_lent_when_the_name_is_lost_stays_what_it_is() {
+fn leases_and_loans_stay_as_they_are_when_the_name_is_lost() {
     let topic = Scratch::new();
     let mut publisher = publisher(&topic);
     let mut reader = subscriber(&topic, Start::New);
@@ -233,13 +233,13 @@ fn what_is_held_or_lent_when_the_name_is_lost_stays_what_it_is() {
     }
     assert_eq!(lease.to_vec(), b"held");
     drop(lease);
-    // The first one on a segment may be a copy.
+    // The first lease on a segment may be a copy.
     drop(hold(&mut publisher));
     assert!(hold(&mut publisher).holds_slot());
 }
 
 #[test]
-fn a_publisher_that_nobody_finds_any_more_is_found_by_its_mapping() {
+fn a_publisher_without_a_name_is_found_by_its_mapping() {
     let topic = Scratch::new();
     let helper = Helper::start("idle publisher", &topic);
     let _reader = subscriber(&topic, Start::New);
@@ -256,5 +256,5 @@ fn a_publisher_that_nobody_finds_any_more_is_found_by_its_mapping() {
         found()
     );
     helper.kill();
-    assert_eq!(found(), [], "a reader alone is none");
+    assert_eq!(found(), [], "a reader alone is not listed");
 }

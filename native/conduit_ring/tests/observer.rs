@@ -1,4 +1,4 @@
-//! Observers: all of a subscriber's reading, none of its traces.
+//! Observers read as subscribers do, and leave no trace.
 #![cfg(not(loom))]
 
 mod support;
@@ -11,7 +11,7 @@ use conduit_ring::{
 };
 use support::{Helper, LONG, Scratch, proven_number, proving_message, role, tell_ready};
 
-/// The process that the tests start: it publishes until it is killed.
+/// The program of the process that the tests start: it publishes until it is killed.
 #[test]
 fn child() {
     let Some((role, topic)) = role() else { return };
@@ -41,7 +41,7 @@ fn observe(topic: &Topic, start: Start) -> Observer {
     Observer::open(topic, &options).unwrap()
 }
 
-/// The next thing that is not nothing.
+/// Returns the next message or change.
 fn next(observer: &mut Observer, buffer: &mut Vec<u8>) -> Read {
     match observer.read_timeout(buffer, LONG).unwrap() {
         Read::Nothing => panic!("nothing for {LONG:?}"),
@@ -77,7 +77,7 @@ fn any_number_of_observers_see_every_message_and_leave_no_trace() {
 }
 
 #[test]
-fn an_observer_that_falls_behind_counts_what_it_lost() {
+fn an_observer_that_falls_behind_counts_its_losses() {
     let topic = Scratch::new();
     let mut publisher = open(&topic);
     let mut observer = observe(&topic, Start::New);
@@ -115,7 +115,7 @@ fn an_observer_waits_for_a_topic_and_sees_it_from_its_first_message() {
 }
 
 #[test]
-fn an_observer_goes_on_when_its_publisher_is_killed_and_started_again() {
+fn an_observer_continues_when_its_publisher_is_killed_and_started_again() {
     let topic = Scratch::new();
     let first = Helper::start("publish", &topic);
     let mut observer = observe(&topic, Start::New);

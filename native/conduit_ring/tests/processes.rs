@@ -13,7 +13,7 @@ use support::{
     Helper, Raw, Scratch, next, next_message, proven_number, proving_message, role, tell_ready,
 };
 
-/// Not a test but what a helper process does.
+/// The program of a helper process; not a test.
 #[test]
 fn child() {
     match role() {
@@ -105,7 +105,7 @@ fn a_killed_publisher_is_succeeded_in_place_and_its_subscribers_read_on() {
 }
 
 #[test]
-fn death_and_return_of_a_publisher_are_told_after_its_last_message() {
+fn death_and_return_of_a_publisher_are_reported_after_its_last_message() {
     let topic = Scratch::new();
     let helper = Helper::start("publisher", &topic);
     let mut subscriber = Subscriber::open(&topic, &SubscriberOptions::default()).unwrap();
@@ -133,8 +133,8 @@ fn a_half_written_slot_is_rejected_for_ever() {
     while Info::read(&topic).unwrap().published < 4 {}
     helper.kill();
     let published = Info::read(&topic).unwrap().published;
-    // As if it had been killed a little later, in the midst of a message, before any of its stores to the slot's sequence
-    // became visible.
+    // As if it had been killed a little later, while it wrote a message, before any of its stores
+    // to the slot's sequence became visible.
     let raw = Raw::open(&topic).unwrap();
     raw.u64(72)
         .store(published + 1, std::sync::atomic::Ordering::Relaxed);
@@ -212,7 +212,7 @@ fn a_reader_killed_in_its_sleep_does_not_cost_a_wake_up_for_ever() {
         std::thread::sleep(Duration::from_millis(1));
     }
     sleeper.kill();
-    // It may have been killed between two sleeps; then there is nothing to forget.
+    // It may have been killed between two sleeps; then no bit is left.
     for n in 0..200 {
         assert_eq!(publisher.publish(b"x"), Ok(n));
     }

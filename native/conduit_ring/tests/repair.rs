@@ -1,4 +1,4 @@
-//! What tools may set right in what kills have left, and what they must leave alone.
+//! What tools may repair in the files that crashes left, and what they must leave alone.
 #![cfg(not(loom))]
 
 mod support;
@@ -15,7 +15,7 @@ use support::{Helper, Raw, Scratch, role, tell_ready};
 
 const SUBSCRIBER_MASK: usize = 128;
 
-/// The process that the tests start and kill.
+/// The program of the process that the tests start and kill.
 #[test]
 fn child() {
     let Some((role, topic)) = role() else { return };
@@ -31,7 +31,7 @@ fn child() {
 
 #[test]
 fn the_file_of_a_killed_publisher_is_removed() {
-    let (_turn, topic) = (turn(), Scratch::new());
+    let (_alone, topic) = (one_at_a_time(), Scratch::new());
     Helper::start("publish", &topic).kill();
     assert!(Listing::read().unwrap().topics.contains(&topic));
     assert_eq!(remove_abandoned(&topic).unwrap(), Repair::Made);
@@ -42,7 +42,7 @@ fn the_file_of_a_killed_publisher_is_removed() {
 
 #[test]
 fn the_file_of_a_live_publisher_is_left_alone() {
-    let (_turn, topic) = (turn(), Scratch::new());
+    let (_alone, topic) = (one_at_a_time(), Scratch::new());
     let _publisher = Helper::start("publish", &topic);
     assert_eq!(remove_abandoned(&topic).unwrap(), Repair::PublisherAlive);
     assert_eq!(
@@ -52,8 +52,8 @@ fn the_file_of_a_live_publisher_is_left_alone() {
 }
 
 #[test]
-fn a_file_that_someone_has_open_is_left_alone() {
-    let (_turn, topic) = (turn(), Scratch::new());
+fn a_file_that_a_process_has_open_is_left_alone() {
+    let (_alone, topic) = (one_at_a_time(), Scratch::new());
     let publisher = Helper::start("publish", &topic);
     let subscriber = Helper::start("subscribe", &topic);
     publisher.kill();
@@ -65,7 +65,7 @@ fn a_file_that_someone_has_open_is_left_alone() {
 
 #[test]
 fn slots_of_killed_readers_are_taken_back_from_a_live_topic() {
-    let (_turn, topic) = (turn(), Scratch::new());
+    let (_alone, topic) = (one_at_a_time(), Scratch::new());
     let publisher = Publisher::open(&topic, &PublisherOptions::default()).unwrap();
     let _living = Subscriber::open(&topic, &SubscriberOptions::default()).unwrap();
     let readers: Vec<_> = (0..3).map(|_| Helper::start("subscribe", &topic)).collect();
@@ -77,8 +77,8 @@ fn slots_of_killed_readers_are_taken_back_from_a_live_topic() {
 }
 
 #[test]
-fn bits_of_legacy_readers_are_cleared_once_nobody_has_the_file() {
-    let (_turn, topic) = (turn(), Scratch::new());
+fn bits_of_legacy_readers_are_cleared_once_no_process_has_the_file() {
+    let (_alone, topic) = (one_at_a_time(), Scratch::new());
     let publisher = Helper::start("publish", &topic);
     let raw = Raw::open(&topic).unwrap();
     raw.u32(SUBSCRIBER_MASK).fetch_or(0b101, Relaxed);
@@ -92,16 +92,16 @@ fn bits_of_legacy_readers_are_cleared_once_nobody_has_the_file() {
 
 #[test]
 fn a_file_that_never_was_a_ring_is_left_alone() {
-    let (_turn, topic) = (turn(), Scratch::new());
+    let (_alone, topic) = (one_at_a_time(), Scratch::new());
     fs::write(topic.path(), "buy milk").unwrap();
     assert_eq!(remove_abandoned(&topic).unwrap(), Repair::NotARing);
     fs::write(topic.path(), "").unwrap();
     assert_eq!(remove_abandoned(&topic).unwrap(), Repair::Made);
 }
 
-/// One test at a time: a child that another test is starting has the files of this process and their locks, those it has
-/// just closed too, until it runs its own program.
-fn turn() -> MutexGuard<'static, ()> {
+/// Lets one test run at a time. A child that another test is starting shares the files of this
+/// process and their locks, also those that were just closed, until it runs its own program.
+fn one_at_a_time() -> MutexGuard<'static, ()> {
     static TURN: Mutex<()> = Mutex::new(());
     TURN.lock().unwrap_or_else(PoisonError::into_inner)
 }

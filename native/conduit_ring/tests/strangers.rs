@@ -1,6 +1,8 @@
-//! Files of other users under a topic's name: nobody maps them, publishes into them or is killed by what their owners do.
+//! Files of other users under a topic's name: they are never mapped nor published into, and their
+//! owners can kill no process by them.
 //!
-//! Only root can play another user; without root's rights these tests say so and test nothing.
+//! Only root can act as another user. Without root's rights these tests print that and test
+//! nothing.
 #![cfg(not(loom))]
 
 mod support;
@@ -20,10 +22,10 @@ use conduit_ring::{
 };
 use support::{Helper, LONG, Scratch, next, next_message, role, tell_ready};
 
-/// The user who is called nobody.
+/// The user `nobody`.
 const STRANGER: u32 = 65_534;
 
-/// Not a test but what a helper process does.
+/// The program of a helper process; not a test.
 #[test]
 fn child() {
     let Some((role, topic)) = role() else { return };
@@ -80,9 +82,9 @@ fn is_mapped(topic: &Topic) -> bool {
     maps.contains(&topic.path().display().to_string())
 }
 
-/// A process of the stranger's that cuts a file off and restores it, again and again.
+/// A process of the stranger's that shortens a file and restores it, again and again.
 struct Truncater {
-    /// Leads a group of its own, with the programs that it calls.
+    /// It leads a process group of its own, with the programs that it calls.
     shell: Child,
     bait: PathBuf,
 }
@@ -92,7 +94,8 @@ impl Truncater {
         let bait = std::env::temp_dir().join(format!("{}-bait", topic.name()));
         fs::copy(topic.path(), &bait).unwrap();
         chown(&bait, Some(STRANGER), None).unwrap();
-        let script = "while :; do truncate -s 0 $0; truncate -s 2000 $0; truncate -s 1300 $0; cat $1 > $0; done";
+        let script = "while :; do truncate -s 0 $0; truncate -s 2000 $0; \
+                      truncate -s 1300 $0; cat $1 > $0; done";
         let shell = Command::new("sh")
             .args(["-c", script])
             .args([topic.path(), &bait])
@@ -192,7 +195,7 @@ fn a_user_or_group_that_the_environment_lists_is_trusted() {
 }
 
 #[test]
-fn a_list_that_is_none_is_an_error_where_it_counts() {
+fn an_invalid_list_is_an_error_where_it_counts() {
     let topic = Scratch::new();
     leave_dead(&topic);
     if give_away(&topic) {
@@ -257,7 +260,7 @@ fn a_strangers_topic_is_read_without_a_mapping_and_without_a_reader_slot() {
 }
 
 #[test]
-fn who_looks_at_what_a_stranger_cuts_off_gets_an_error_or_data_and_no_signal() {
+fn a_reader_of_a_file_that_a_stranger_shortens_gets_an_error_or_data_and_no_signal() {
     let topic = Scratch::new();
     leave_dead(&topic);
     if !give_away(&topic) {
@@ -324,7 +327,7 @@ fn a_subscriber_under_which_the_name_goes_to_a_stranger_reads_that_without_a_map
 }
 
 #[test]
-fn a_file_that_may_not_even_be_read_is_refused_by_its_owners_name_too() {
+fn a_file_that_may_not_be_read_is_refused_by_its_owners_name_too() {
     let topic = Scratch::new();
     fs::create_dir(topic.path()).unwrap();
     let refused = give_away(&topic).then(|| publisher(&topic).unwrap_err());

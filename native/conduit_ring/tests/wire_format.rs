@@ -1,4 +1,5 @@
-//! docs/wire-format.md says what the code does: its tables against `layout.rs`, its dumps against segments.
+//! docs/wire-format.md agrees with the code: its tables with `layout.rs`, its dumps with
+//! segments.
 #![cfg(not(loom))]
 
 use std::collections::BTreeMap;
@@ -20,7 +21,7 @@ mod layout;
 const PAGE: &str = include_str!("../../../docs/wire-format.md");
 const LAYOUT: &str = include_str!("../src/layout.rs");
 
-/// The bytes of the dump with this name.
+/// Returns the bytes of the dump with this name.
 fn vector(name: &str) -> Vec<u8> {
     let (_, rest) = PAGE.split_once(&format!("\n```hex {name}\n")).unwrap();
     let (dump, _) = rest.split_once("\n```").unwrap();
@@ -34,7 +35,7 @@ fn vector(name: &str) -> Vec<u8> {
         .collect()
 }
 
-/// The rows of the table under this heading: what stands in the first columns.
+/// Returns the cells of the table under this heading.
 fn rows(heading: &str) -> Vec<Vec<&'static str>> {
     let (_, table) = PAGE.split_once(heading).unwrap();
     table
@@ -50,7 +51,7 @@ fn named(cell: &str) -> Option<String> {
     Some(name.to_uppercase())
 }
 
-/// `(name, type, offset)` of each row that has a name.
+/// Returns `(name, type, offset)` of each row that has a name.
 fn fields(heading: &str) -> Vec<(String, String, usize)> {
     rows(heading)
         .iter()
@@ -58,7 +59,7 @@ fn fields(heading: &str) -> Vec<(String, String, usize)> {
         .collect()
 }
 
-/// The constants of this type in the source: name and what stands behind the equals sign.
+/// Returns the constants of this type in the source: name and value, as written.
 fn constants(of: &str) -> BTreeMap<&'static str, &'static str> {
     LAYOUT
         .lines()
@@ -155,7 +156,7 @@ fn the_page_has_the_fields_of_a_slot_and_all_values_as_they_are() {
     }
 }
 
-/// What varies between two files of the same content, as the dumps say.
+/// Clears the fields that vary between two files of the same content.
 fn without_what_varies(mut segment: Vec<u8>) -> Vec<u8> {
     let varies = [
         32..40,
@@ -217,7 +218,7 @@ fn a_subscriber_reads_the_segment_that_the_page_shows() {
 }
 
 #[test]
-fn what_there_is_to_know_of_a_segment_is_as_the_page_says() {
+fn the_info_of_a_segment_is_as_the_page_says() {
     let topic = Scratch::new();
     fs::write(topic.path(), vector("segment")).unwrap();
     let info = Info::read(&topic).unwrap();

@@ -1,9 +1,10 @@
-//! A segment whose bytes a hostile peer chooses, before and while others use it: an error or no data, never a crash, a
-//! hang or a byte out of bounds.
+//! A segment whose bytes a hostile peer chooses, before and while others use it. The result is an
+//! error or no data: never a crash, a hang or a byte out of bounds.
 //!
-//! An input is a script. Its first byte chooses the slots, the second how many steps come before anyone opens the file;
-//! then each step takes eleven bytes: what to do, where (u16), and with which value (u64). The file is never made shorter
-//! while it is mapped: that is a SIGBUS by the kernel's rules, which the protocol tells of and does not prevent.
+//! An input is a script. Its first byte chooses the slots. The second byte says how many steps
+//! come before a reader or publisher opens the file. Then each step takes eleven bytes: an
+//! action, a place (u16) and a value (u64). The file is never shortened while it is mapped: the
+//! kernel answers that with SIGBUS, which the protocol cannot prevent.
 #![no_main]
 
 use std::fs::{File, OpenOptions};
@@ -24,7 +25,7 @@ fuzz_target!(|script: &[u8]| {
     let [slots, before, steps @ ..] = script else {
         return;
     };
-    // The second one ends where a page ends, so that a byte beyond it is beyond the mapping.
+    // The second geometry ends with a page, so that a byte beyond it is beyond the mapping.
     let geometry = if slots & 1 == 0 {
         Geometry::slots(4, 64)
     } else {
@@ -38,7 +39,7 @@ fuzz_target!(|script: &[u8]| {
         if n < usize::from(*before) {
             scene.change(step[0], at, value);
         } else {
-            scene.act(step[0], at, value);
+            scene.run_step(step[0], at, value);
         }
     }
     scene.end();
@@ -55,7 +56,7 @@ struct Scene {
 }
 
 impl Scene {
-    /// A sound segment with some messages in it, whose publisher has died.
+    /// Makes a sound segment with some messages in it, whose publisher has died.
     fn new(geometry: Geometry, messages: u8) -> Scene {
         let topic = Topic::new(&format!("fuzz-{}", std::process::id())).unwrap();
         let _ = std::fs::remove_file(topic.path());
@@ -81,7 +82,7 @@ impl Scene {
         }
     }
 
-    /// Changes the file as anybody may who can write it.
+    /// Changes the file as any process may that can write it.
     fn change(&self, kind: u8, at: usize, value: u64) {
         let bytes = value.to_le_bytes();
         match kind % 4 {
@@ -92,7 +93,7 @@ impl Scene {
         }
     }
 
-    fn act(&mut self, kind: u8, at: usize, value: u64) {
+    fn run_step(&mut self, kind: u8, at: usize, value: u64) {
         match kind % 16 {
             0 => self.read(at),
             1 => self.subscribe(at, value),
@@ -103,18 +104,18 @@ impl Scene {
                     publisher.abandon();
                 }
             }
-            5 => self.look(),
+            5 => self.inspect(),
             6 => {
                 self.subscribers.pop();
             }
             7 => self.lease(at),
-            8 => self.let_go(at),
+            8 => self.drop_lease(at),
             9 => self.loan(at, value),
             _ => self.change(kind, at, value),
         }
     }
 
-    /// Never beyond the end: a longer file is not what is asked about.
+    /// Writes, never beyond the end: a longer file is not the subject.
     fn write(&self, at: usize, bytes: &[u8]) {
         let room = self.len - at;
         let _ = self
@@ -122,7 +123,7 @@ impl Scene {
             .write_all_at(&bytes[..bytes.len().min(room)], at as u64);
     }
 
-    /// Gives geometry and content tag the checksum that a sound file has.
+    /// Stores the checksum that a sound file has.
     fn seal(&self) {
         let mut head = [0; 64];
         self.file.read_exact_at(&mut head, 0).unwrap();
@@ -159,7 +160,7 @@ impl Scene {
         };
         match Subscriber::open(&self.topic, &options) {
             Ok(subscriber) => self.subscribers.push(subscriber),
-            Err(error) => documented(&error),
+            Err(error) => assert_documented(&error),
         }
     }
 
@@ -174,12 +175,13 @@ impl Scene {
                 self.leases.push(lease);
             }
             Ok(_) => {}
-            Err(error) => documented(&error),
+            Err(error) => assert_documented(&error),
         }
     }
 
-    /// Reads the lease to its end first: what it promised to be readable is, whatever became of the file's bytes.
-    fn let_go(&mut self, at: usize) {
+    /// Drops a lease, after reading it to its end: its bytes stay readable, whatever the file
+    /// holds.
+    fn drop_lease(&mut self, at: usize) {
         if self.leases.is_empty() {
             return;
         }
@@ -187,7 +189,7 @@ impl Scene {
         assert!(lease.to_vec().len() == lease.len());
         if at & 256 != 0 {
             if let Err(error) = lease.detach() {
-                documented(&error);
+                assert_documented(&error);
             }
             assert!(lease.to_vec().len() == lease.len());
         }
@@ -213,10 +215,10 @@ impl Scene {
         match subscriber.try_read(&mut buffer) {
             Ok(Read::Message(meta)) => assert!(meta.len == buffer.len() && meta.len <= self.len),
             Ok(_) => {}
-            Err(error) => documented(&error),
+            Err(error) => assert_documented(&error),
         }
         if let Err(error) = subscriber.wait(Duration::ZERO) {
-            documented(&error);
+            assert_documented(&error);
         }
     }
 
@@ -224,7 +226,7 @@ impl Scene {
         if self.publisher.is_none() {
             match Publisher::open(&self.topic, &options(self.geometry)) {
                 Ok(publisher) => self.publisher = Some(publisher),
-                Err(error) => return documented(&error),
+                Err(error) => return assert_documented(&error),
             }
         }
         if let Some(publisher) = &mut self.publisher {
@@ -232,13 +234,13 @@ impl Scene {
         }
     }
 
-    fn look(&self) {
+    fn inspect(&self) {
         if let Err(error) = Info::read(&self.topic) {
-            documented(&error);
+            assert_documented(&error);
         }
     }
 
-    /// When nobody uses the file, whatever it holds, the next publisher makes it sound.
+    /// Checks that the next publisher makes an unused file sound, whatever it holds.
     fn end(self) {
         let Scene {
             topic,
@@ -255,8 +257,8 @@ impl Scene {
             start: Start::Latest,
             ..SubscriberOptions::default()
         };
-        publisher.publish(b"from now on all is well").unwrap();
-        // Reader slots that a broken file gives away for ever are the doctor's: there may be none left.
+        publisher.publish(b"sound again").unwrap();
+        // A broken file may have no free reader slot, until a person's tool repairs it.
         if let Ok(mut subscriber) = Subscriber::open(&topic, &latest) {
             let mut buffer = Vec::new();
             let _ = subscriber.try_read(&mut buffer);
@@ -271,7 +273,7 @@ fn options(geometry: Geometry) -> PublisherOptions {
     }
 }
 
-fn documented(error: &Error) {
+fn assert_documented(error: &Error) {
     let documented = matches!(
         error,
         Error::BadSegment { .. }

@@ -1,5 +1,5 @@
-//! The protocol under loom: every interleaving of its memory accesses, up to a bound of preemptions,
-//! and every value that a relaxed load may return. Run with
+//! The protocol under loom: every interleaving of its memory accesses, up to a bound of
+//! preemptions, and every value that a relaxed load may return. Run with
 //!
 //! ```text
 //! RUSTFLAGS="--cfg loom" cargo test -p conduit_ring --release --lib loom
@@ -28,11 +28,12 @@
 //! | `write_intent` taken back although something was begun | `what_a_loan_left_behind_is_never_accepted` |
 //! | the SeqCst fence in `Writer::resume` | `a_first_pin_is_seen_by_a_successor` |
 //! | length and time taken after the validation in `Reader::take_pinned` | `a_reader_that_pins_while…` |
-//! | a pin counted for the next lap alone in `pins::holds_slot` | `a_successor_respects_what_is_held…` |
+//! | a pin counted for the next lap alone in `pins::holds_slot` | `a_successor_respects_held_messages…` |
 //! | `Reader::is_message` always true | `a_held_slot_is_passed_over_and_others_lose_its_number` |
 //!
-//! No test needs the SeqCst fence in `wait::sleep`: the kernel has a full barrier of its own between
-//! the waiting bit and its look at the futex word. With the fence the protocol is sound without it.
+//! No test needs the SeqCst fence in `wait::sleep`: the kernel has a full barrier of its own
+//! between the waiting bit and its look at the futex word. With the fence the protocol is sound
+//! without it.
 
 mod messages;
 mod pinned;
@@ -102,7 +103,8 @@ fn read(reader: &mut Reader, memory: &Memory) -> Option<Meta> {
     Some(meta)
 }
 
-/// Reads a few times. Checks that messages come whole and in order, and that lost ones are counted.
+/// Reads a few times. Checks that messages come whole and in order, and that lost ones are
+/// counted.
 fn read_times(times: u32, memory: &Memory, mut reader: Reader) {
     let mut expected = reader.cursor();
     for _ in 0..times {

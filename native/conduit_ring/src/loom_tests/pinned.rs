@@ -39,8 +39,8 @@ impl Pinner {
         Some(meta)
     }
 
-    /// Checks that a pinned message is the published one, whatever the writer does: its bytes, and
-    /// length and time as they were read.
+    /// Checks that a pinned message is the published one, whatever the writer does: its bytes,
+    /// and length and time as they were read.
     fn check(&self, memory: &Memory, meta: &Meta) {
         let mut word = [0; 4];
         // SAFETY: the word has room for 4 bytes.

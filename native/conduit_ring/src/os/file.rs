@@ -50,7 +50,7 @@ impl FileOwner {
     }
 }
 
-/// What tells one file from all others of the machine, as `/proc/PID/maps` shows it.
+/// The identity of a file, as `/proc/PID/maps` shows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct FileId {
     /// Major and minor number.
@@ -175,8 +175,8 @@ impl Segment {
         self.file.read_exact_at(bytes, offset)
     }
 
-    /// Fills `len` bytes at `to` from the file at `offset`. Returns `UnexpectedEof` where the file
-    /// ends before.
+    /// Fills `len` bytes at `to` from the file at `offset`. Returns `UnexpectedEof` where the
+    /// file ends before.
     ///
     /// # Safety
     /// `to` is valid for writes of `len` bytes. They need not be initialised.

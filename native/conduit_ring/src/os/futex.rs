@@ -97,12 +97,12 @@ impl Mapping {
     /// highest is a sign: it is at most 15 here.
     fn wake_op(&self, offset: usize, wake: i32, op: u32, operand: u32) -> io::Result<()> {
         let word = self.base().wrapping_add(offset);
-        let second_wake: usize = 0;
+        let second: usize = 0;
         let change = op << 28 | operand << 12;
         let (call, wake_op) = (libc::SYS_futex, libc::FUTEX_WAKE_OP);
         // SAFETY: the kernel checks the address and changes the word as an atomic instruction
         // would; the words of this mapping are read and written by such instructions alone.
-        let result = unsafe { libc::syscall(call, word, wake_op, wake, second_wake, word, change) };
+        let result = unsafe { libc::syscall(call, word, wake_op, wake, second, word, change) };
         result_of(result)
     }
 }

@@ -1,4 +1,4 @@
-//! Locks on single bytes of a segment: they say who lives, and the kernel frees them.
+//! Locks on single bytes of a segment. They show which processes live, and the kernel frees them.
 //!
 //! These are open-file-description locks (`F_OFD_SETLK`). They belong to the open file, not to
 //! the process or thread, so that one process may hold several. The kernel frees them when the
@@ -45,9 +45,9 @@ impl Segment {
     /// Returns whether no other process has the file open for writing, or mapped for writing.
     ///
     /// The kernel grants a write lease just then. Returns `false` as well when this process may
-    /// not ask for a lease. A process that opens the file while the lease is held makes the kernel
-    /// send a signal, whose default would end this process; hence SIGURG, which is ignored by
-    /// default.
+    /// not ask for a lease. A process that opens the file while the lease is held makes the
+    /// kernel send a signal, whose default would end this process; hence SIGURG, which is ignored
+    /// by default.
     pub(crate) fn is_unused(&self) -> bool {
         let granted = self.lease_call(F_SETSIG, libc::SIGURG).is_ok()
             && self.lease_call(libc::F_SETLEASE, libc::F_WRLCK).is_ok();

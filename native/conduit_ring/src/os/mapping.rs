@@ -12,8 +12,7 @@ use crate::copy;
 
 /// A shared mapping of a segment, or the private pages that a detached lease keeps of one.
 ///
-/// A mapping is an address and a length, and nothing more: it says nothing about what lies there.
-/// `Memory` puts the segment's fields on top of it.
+/// A mapping is an address and a length. `Memory` puts the segment's fields on top of it.
 #[derive(Debug)]
 pub(crate) struct Mapping {
     base: *mut u8,
@@ -120,7 +119,7 @@ impl Mapping {
 impl Drop for Mapping {
     fn drop(&mut self) {
         if self.len > 0 {
-            // SAFETY: this value alone owns the address range, and nobody uses it any more.
+            // SAFETY: this value alone owns the address range, and no reference into it is left.
             unsafe { libc::munmap(self.base.cast(), self.len) };
         }
     }

@@ -6,7 +6,7 @@
 //! | file | subject | calls |
 //! |---|---|---|
 //! | `file` | an open segment file, and the names that lead to it | `open`, `linkat`, `pread`, … |
-//! | `lock` | who lives, and who has a file open | `F_OFD_SETLK`, `F_SETLEASE` |
+//! | `lock` | which processes live, and whether one has a file open | `F_OFD_SETLK`, `F_SETLEASE` |
 //! | `mapping` | a file in memory | `mmap`, `mremap`, `munmap` |
 //! | `futex` | sleeping on a word in memory | `FUTEX_WAIT`, `FUTEX_WAKE`, `FUTEX_WAKE_OP` |
 //! | `event` | sleeping without such a word | `eventfd`, `inotify`, `poll` |

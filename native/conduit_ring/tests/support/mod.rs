@@ -1,5 +1,5 @@
-//! What the tests share: topics that leave nothing behind, messages that prove themselves, child processes, and a raw
-//! view of a segment with which legacy peers and damage are made.
+//! Shared by the tests: topics that leave no file behind, messages with a checksum, child
+//! processes, and a raw view of a segment with which legacy peers and damage are made.
 #![allow(dead_code)]
 
 pub mod run;
@@ -18,7 +18,7 @@ use conduit_ring::{Read, Subscriber, Topic};
 /// Longer than anything here takes: only a failing test waits so long.
 pub const LONG: Duration = Duration::from_secs(60);
 
-/// A topic of a name of its own, whose file is removed afterwards.
+/// A topic with a unique name, whose file is removed afterwards.
 pub struct Scratch(Topic);
 
 impl Scratch {
@@ -41,7 +41,7 @@ impl Drop for Scratch {
     }
 }
 
-/// Bytes of a message: number, length and checksum in front of a body that follows from the number.
+/// Makes a message: number, length and checksum, then a body that follows from the number.
 pub fn proving_message(n: u64, len: usize) -> Vec<u8> {
     let len = len.max(24);
     let mut message = vec![0; 24];
@@ -59,7 +59,7 @@ pub fn proving_message(n: u64, len: usize) -> Vec<u8> {
     message
 }
 
-/// The number of a message that proves to be whole.
+/// Returns the number of a whole message.
 pub fn proven_number(message: &[u8]) -> Result<u64, String> {
     let field = |at: usize| {
         message
@@ -85,7 +85,7 @@ fn checksum(message: &[u8]) -> u64 {
     })
 }
 
-/// The next thing that is not nothing.
+/// Returns the next message or change.
 pub fn next(subscriber: &mut Subscriber, buffer: &mut Vec<u8>) -> Read {
     match subscriber.read_timeout(buffer, LONG).unwrap() {
         Read::Nothing => panic!("nothing for {LONG:?}"),
@@ -93,7 +93,8 @@ pub fn next(subscriber: &mut Subscriber, buffer: &mut Vec<u8>) -> Read {
     }
 }
 
-/// The next message's number and what was lost before it, whatever the publisher does meanwhile.
+/// Returns the next message's number and the losses before it, whatever the publisher does
+/// meanwhile.
 pub fn next_message(subscriber: &mut Subscriber, buffer: &mut Vec<u8>) -> (u64, u64) {
     loop {
         if let Read::Message(meta) = next(subscriber, buffer) {
@@ -111,13 +112,13 @@ pub struct Helper {
 const ROLE: &str = "CONDUIT_RING_TEST_ROLE";
 const TOPIC: &str = "CONDUIT_RING_TEST_TOPIC";
 
-/// The role and the topic of a helper, in the helper.
+/// Returns role and topic in a helper process, `None` in others.
 pub fn role() -> Option<(String, Topic)> {
     let role = std::env::var(ROLE).ok()?;
     Some((role, Topic::new(&std::env::var(TOPIC).unwrap()).unwrap()))
 }
 
-/// Tells the parent that all is set up.
+/// Reports to the parent that the helper is ready.
 pub fn tell_ready() {
     println!("\nready");
 }
@@ -220,7 +221,7 @@ impl Raw {
 
     pub fn write(&self, at: usize, bytes: &[u8]) {
         assert!(at + bytes.len() <= self.len);
-        // SAFETY: inside the mapping. What a legacy peer does: plain stores.
+        // SAFETY: inside the mapping. Plain stores, as a legacy peer makes them.
         unsafe {
             ptr::copy_nonoverlapping(bytes.as_ptr(), self.base.wrapping_add(at), bytes.len())
         };
@@ -229,7 +230,7 @@ impl Raw {
     pub fn read(&self, at: usize, len: usize) -> Vec<u8> {
         assert!(at + len <= self.len);
         let mut bytes = vec![0; len];
-        // SAFETY: inside the mapping. What a legacy peer does: plain loads.
+        // SAFETY: inside the mapping. Plain loads, as a legacy peer makes them.
         unsafe { ptr::copy_nonoverlapping(self.base.wrapping_add(at), bytes.as_mut_ptr(), len) };
         bytes
     }

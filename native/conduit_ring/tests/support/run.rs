@@ -1,9 +1,9 @@
-//! Names that tell one run of the tests from another on the same machine. Shared by the tests of all crates.
+//! Names that differ between runs of the tests on one machine. Shared by the tests of all crates.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// A name that no other test has, in this run or another: good for a topic or a file. `bin/test` finds by the run's name,
-/// which it sets, what a run has left behind.
+/// Returns a name that no other test has, in this run or another, for a topic or a file. It
+/// begins with the run's name, which `bin/test` sets and by which it finds leftovers of the run.
 pub fn unique(label: &str) -> String {
     static COUNT: AtomicU32 = AtomicU32::new(0);
     let n = COUNT.fetch_add(1, Ordering::Relaxed);
