@@ -62,7 +62,7 @@ pub(crate) fn map(
     map_trusting(topic, segment, header, access, populate)
 }
 
-/// Maps a checked segment, whoever owns it.
+/// Maps a checked segment of any owner.
 pub(crate) fn map_trusting(
     topic: &Topic,
     segment: Segment,

@@ -30,10 +30,9 @@ use crate::error::{Error, Fault};
 use crate::header::{FIXED_LEN, Header};
 use crate::layout::{PUBLISHER_LOCK, STATE, STATE_LIVE, WRITER_EPOCH, WRITER_PID};
 use crate::lease::Lease;
-use crate::legacy::LegacyPublisher;
+use crate::life::{LegacyPublisher, Life, life_of};
 use crate::memory::Memory;
 use crate::options::Guard;
-use crate::os::Name;
 use crate::outcome::Incarnation;
 use crate::pins::{self, Announced};
 use crate::reader::{Dialect, Reader};
@@ -44,17 +43,6 @@ use crate::sync::Ordering::Relaxed;
 use crate::topic::Topic;
 use crate::wait::{LONGEST_LEGACY_SLEEP, LONGEST_SLEEP};
 use crate::waker::Alarm;
-
-/// What is to be expected of a segment.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Life {
-    /// Its publisher lives, as far as is known.
-    Up,
-    /// Its publisher died; another one may continue it.
-    Down,
-    /// Nothing will ever be published there again, or the name leads elsewhere.
-    Over,
-}
 
 /// Where a reader begins in a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -282,7 +270,7 @@ impl Attachment {
         }
     }
 
-    /// Returns whether the segment's own state says that it goes on. One load.
+    /// Returns whether the segment's own state is live. Costs one load.
     pub(crate) fn says_live(&self) -> bool {
         !self.header.is_native() || self.backing.load32(STATE) == STATE_LIVE
     }
@@ -346,40 +334,7 @@ fn copied_lease(copy: IntoBox, meta: Meta, topic: &Topic) -> Lease {
     Lease::of_copy(meta, copy.into_bytes(meta.len), topic.path().to_owned())
 }
 
-fn life_of(native: bool, alive: bool, name: Name) -> Life {
-    match (native, alive, name) {
-        (_, _, Name::Other) => Life::Over,
-        (true, true, _) | (false, true, Name::Same) => Life::Up,
-        (_, false, Name::Same) => Life::Down,
-        (_, _, Name::Missing) => Life::Over,
-    }
-}
-
 /// `None` without the extension.
 fn instance_id(header: &Header) -> Option<u64> {
     header.is_native().then_some(header.instance_id())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_native_segment_lives_by_its_lock_and_is_over_when_replaced() {
-        assert_eq!(life_of(true, true, Name::Same), Life::Up);
-        assert_eq!(life_of(true, true, Name::Missing), Life::Up);
-        assert_eq!(life_of(true, false, Name::Same), Life::Down);
-        assert_eq!(life_of(true, false, Name::Missing), Life::Over);
-        assert_eq!(life_of(true, true, Name::Other), Life::Over);
-    }
-
-    #[test]
-    fn a_legacy_segment_lives_by_its_name_and_by_who_has_it_mapped() {
-        assert_eq!(life_of(false, true, Name::Same), Life::Up);
-        assert_eq!(life_of(false, false, Name::Same), Life::Down);
-        for alive in [false, true] {
-            assert_eq!(life_of(false, alive, Name::Missing), Life::Over);
-            assert_eq!(life_of(false, alive, Name::Other), Life::Over);
-        }
-    }
 }

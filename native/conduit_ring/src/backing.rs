@@ -104,7 +104,7 @@ impl Backing {
         else {
             return Ok(false);
         };
-        if registration.stands() {
+        if registration.is_current() {
             return Ok(false);
         }
         registration
@@ -134,7 +134,7 @@ impl Backing {
     pub(crate) fn load32(&self, at: At32) -> u32 {
         match self {
             // Acquire: pairs with the Release with which a publisher closes or retires, so that
-            // whoever sees the end sees the last messages.
+            // a reader that sees the end sees the last messages.
             Backing::Mapped { attached, .. } => attached.memory.u32(at).load(Acquire),
             Backing::Guarded(guarded) => guarded.load32(at),
         }

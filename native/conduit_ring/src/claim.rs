@@ -69,17 +69,17 @@ impl Claim {
     pub(crate) fn take(
         memory: &Memory,
         locks: &impl ReaderSlotLocks,
-        who: Claimant,
+        claimant: Claimant,
     ) -> io::Result<Option<Claim>> {
         reclaim_leaked(memory, locks)?;
         for reader_slot in ReaderSlot::all() {
             if is_set(memory, reader_slot) || !locks.try_lock(reader_slot)? {
                 continue;
             }
-            if take_free(memory, reader_slot, who) {
+            if take_free(memory, reader_slot, claimant) {
                 return Ok(Some(Claim {
                     reader_slot,
-                    id: who.id,
+                    id: claimant.id,
                 }));
             }
             locks.unlock(reader_slot)?;
@@ -90,7 +90,7 @@ impl Claim {
     /// Returns whether the segment still says so. A legacy publisher that starts again clears it.
     ///
     /// Relaxed: an outdated answer is corrected by the next check.
-    pub(crate) fn stands(&self, memory: &Memory) -> bool {
+    pub(crate) fn is_current(&self, memory: &Memory) -> bool {
         memory.u64(self.reader_slot.claim_id()).load(Relaxed) == self.id
             && memory.u32(NATIVE_MASK).load(Relaxed) & self.reader_slot.bit() != 0
             && is_set(memory, self.reader_slot)
@@ -98,7 +98,7 @@ impl Claim {
 
     /// Releases the reader slot if it is still this claim's, and its lock in any case.
     pub(crate) fn release(self, memory: &Memory, locks: &impl ReaderSlotLocks) -> io::Result<()> {
-        if self.stands(memory) {
+        if self.is_current(memory) {
             clear(memory, self.reader_slot);
         }
         locks.unlock(self.reader_slot)
@@ -157,12 +157,14 @@ pub(crate) fn reclaim_pins(
 
 /// Claims a reader slot whose lock is held and whose bit was clear. Returns `false` when a legacy
 /// reader was faster.
-fn take_free(memory: &Memory, reader_slot: ReaderSlot, who: Claimant) -> bool {
+fn take_free(memory: &Memory, reader_slot: ReaderSlot, claimant: Claimant) -> bool {
     memory
         .u32(WAITING_MASK)
         .fetch_and(!reader_slot.bit(), Relaxed);
     memory.u32(PIN_MASK).fetch_and(!reader_slot.bit(), Relaxed);
-    memory.u64(reader_slot.claim_id()).store(who.id, Relaxed);
+    memory
+        .u64(reader_slot.claim_id())
+        .store(claimant.id, Relaxed);
     // AcqRel: the Acquire pairs with the Release in clear, so that the predecessor's stores come
     // first; the Release pairs with the Acquire in is_set, so that a peer that sees the bit sees
     // the claim_id. The other stores are Relaxed: they change under the lock, or are for people.
@@ -179,10 +181,10 @@ fn take_free(memory: &Memory, reader_slot: ReaderSlot, who: Claimant) -> bool {
     memory
         .u64(reader_slot.read_idx())
         .store(source::published(memory), Relaxed);
-    memory.u32(reader_slot.pid()).store(who.pid, Relaxed);
+    memory.u32(reader_slot.pid()).store(claimant.pid, Relaxed);
     memory
         .u64(reader_slot.start_time())
-        .store(who.start_time, Relaxed);
+        .store(claimant.start_time, Relaxed);
     memory.u64(reader_slot.lost_count()).store(0, Relaxed);
     reader_slot
         .pins()
@@ -202,7 +204,7 @@ fn clear(memory: &Memory, reader_slot: ReaderSlot) {
     memory.u32(PIN_MASK).fetch_and(!reader_slot.bit(), Relaxed);
     memory.u64(reader_slot.read_idx()).store(RELEASED, Relaxed);
     // Release: pairs with the acquiring claim of a legacy successor, and with fetch_or in
-    // take_free. Whoever takes the bit finds the others cleared.
+    // take_free. The next reader with this bit finds the others cleared.
     memory
         .u32(SUBSCRIBER_MASK)
         .fetch_and(!reader_slot.bit(), Release);

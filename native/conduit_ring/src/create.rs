@@ -100,7 +100,7 @@ pub(crate) fn lock_publisher(topic: &Topic, segment: &Segment) -> Result<(), Err
     })
 }
 
-/// Writes which process publishes from now on, and how its wall clock stands.
+/// Writes which process publishes from now on, and the offset of its wall clock.
 /// Relaxed: these fields are for people.
 pub(crate) fn write_identity(memory: &Memory) {
     memory.u32(WRITER_PID).store(std::process::id(), Relaxed);

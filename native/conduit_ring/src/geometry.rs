@@ -88,7 +88,7 @@ impl Geometry {
         Geometry::slots(slot_count, slot_size).map_err(|_| invalid())
     }
 
-    /// Makes a geometry as it stands in a segment, with nothing rounded.
+    /// Makes a geometry as a segment states it, with nothing rounded.
     pub(crate) fn exact(slot_count: u32, slot_size: u32) -> Result<Geometry, Error> {
         let geometry = Geometry {
             slot_count,

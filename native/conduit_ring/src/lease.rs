@@ -48,7 +48,7 @@ use crate::registration::Permit;
 /// A lease is a copy, made at once and not counted among the three, where the publisher would not
 /// respect a hold: on a topic of a legacy publisher, in [guarded](crate::Guard) mode, and for a
 /// message that the publisher may already be about to overwrite when the subscriber takes its
-/// first lease. [`Lease::holds_slot`] tells the two apart.
+/// first lease. [`Lease::holds_slot`] distinguishes the two.
 ///
 /// # The bytes
 ///

@@ -207,7 +207,7 @@
 //!
 //! A predecessor that was killed in the middle of message W leaves `write_intent` = W + 1 and
 //! `write_idx` = W. The successor writes message W again. Readers reject whatever they copied
-//! from the slot between the two, because the intent stands before and after their copy.
+//! from the slot between the two, because the intent announces it before and after their copy.
 //!
 //! # How it is built
 //!
@@ -268,7 +268,7 @@ mod info;
 #[cfg(not(loom))]
 mod lease;
 #[cfg(not(loom))]
-mod legacy;
+mod life;
 #[cfg(not(loom))]
 mod listing;
 #[cfg(not(loom))]

@@ -108,6 +108,6 @@ pub enum Guard {
     Auto,
     /// Always guarded.
     Always,
-    /// Never guarded. The owner of the file is trusted, whoever it is.
+    /// Never guarded. Every owner of the file is trusted.
     Never,
 }

@@ -113,7 +113,7 @@ impl Publisher {
     /// Checks whether the topic's name still leads to this publisher's file, and makes the file
     /// anew if it does not.
     ///
-    /// The new file has the same messages and goes on at the same sequence number, and the
+    /// The new file has the same messages and continues at the same sequence number, and the
     /// subscribers follow. Publishing checks by itself, at most four times a second. Call this in
     /// a publisher that may be silent for longer and must be found all the same;
     /// [`upkeep`](crate::upkeep) does so from a thread.

@@ -37,12 +37,12 @@ impl Registration {
         topic: &Topic,
         attached: &Arc<Attached>,
     ) -> Result<Arc<Registration>, Error> {
-        let who = Claimant {
+        let claimant = Claimant {
             id: os::random_id().map_err(Error::os("getrandom", topic.path()))?,
             pid: std::process::id(),
             start_time: os::process_start_time(),
         };
-        let claim = Claim::take(&attached.memory, &attached.segment, who)
+        let claim = Claim::take(&attached.memory, &attached.segment, claimant)
             .map_err(Error::os("lock", topic.path()))?
             .ok_or_else(|| Error::NoReaderSlot {
                 path: topic.path().to_owned(),
@@ -63,8 +63,8 @@ impl Registration {
     }
 
     /// Returns whether the segment still says that the reader slot is this reader's.
-    pub(crate) fn stands(&self) -> bool {
-        self.claim.stands(self.memory())
+    pub(crate) fn is_current(&self) -> bool {
+        self.claim.is_current(self.memory())
     }
 
     /// Releases the reader slot, once. In a forked child it does nothing.

@@ -1,7 +1,7 @@
 //! Repairs of the files that crashes left, for a person's tool.
 //!
-//! The ring needs none of them: publishers and subscribers repair by themselves whatever stands
-//! in their way. These functions remove leftovers of topics that are no longer used, and answer
+//! The ring needs none of them: publishers and subscribers repair by themselves whatever is in
+//! their way. These functions remove leftovers of topics that are no longer used, and answer
 //! the questions of `ganglion doctor`.
 //!
 //! Each one touches a file only under the publisher's lock, or under a dead reader's lock, and

@@ -27,10 +27,11 @@
 
 use std::time::{Duration, Instant};
 
-use crate::attachment::{Attachment, Beginning, Life, Progress};
+use crate::attachment::{Attachment, Beginning, Progress};
 use crate::backing::Role;
 use crate::delivery::Policy;
 use crate::error::Error;
+use crate::life::Life;
 use crate::options::SubscriberOptions;
 use crate::os::{self, Watch};
 use crate::outcome::{Stats, Wait};

@@ -44,7 +44,7 @@ use crate::sync::{Ordering, add_one_and_fence, bump, fence};
 pub(crate) struct Writer {
     next: u64,
     /// Whether the slot may already hold bytes of message `next`: of a message that failed
-    /// half-way, or of a predecessor's. Then `write_intent` must go on saying so.
+    /// half-way, or of a predecessor's. Then `write_intent` must keep announcing it.
     begun: bool,
     /// Whether this writer has found the slot free of holds, and has announced since what it does
     /// to it. No pin that was set later holds.
@@ -74,7 +74,7 @@ impl Writer {
         // Acquire: pairs with the Release of a predecessor in use_number, so that its stores to
         // the slots come before this writer's.
         let next = memory.u64(WRITE_IDX).load(Ordering::Acquire);
-        // SeqCst: stands for the fence behind the message before; `pins.rs` needs one there.
+        // SeqCst: replaces the fence behind the message before, which `pins.rs` relies on.
         fence(Ordering::SeqCst);
         Writer {
             next,
@@ -123,7 +123,7 @@ impl Writer {
     #[inline]
     fn poison(&self, memory: &Memory) {
         memory.slot(self.next).store(SLOT_SEQ_HI, POISON);
-        // Release: pairs with the acquire fence in Reader::is_whole. Whoever sees a byte that is
+        // Release: pairs with the acquire fence in Reader::is_whole. A reader that sees a byte
         // written from here on sees the intent.
         fence(Ordering::Release);
     }
@@ -181,8 +181,8 @@ impl Writer {
         let sequence = self.next;
         self.next = sequence.wrapping_add(1);
         (self.begun, self.taken) = (false, false);
-        // Release: pairs with the Acquire in source::published. Whoever sees the number sees the
-        // slot.
+        // Release: pairs with the Acquire in source::published. A reader that sees the number
+        // sees the slot.
         memory.u64(WRITE_IDX).store(self.next, Ordering::Release);
         sequence
     }
@@ -191,7 +191,7 @@ impl Writer {
     /// no length and no time, and keeps its payload. Returns `false`, and does nothing, when
     /// there is no other slot to continue with.
     ///
-    /// The number must stand there for legacy readers: a legacy reader that finds another number
+    /// The number must be there for legacy readers: a legacy reader that finds another number
     /// than it expects goes back by a whole ring.
     #[cold]
     pub(crate) fn pass_over(&mut self, memory: &Memory) -> bool {
@@ -240,8 +240,8 @@ pub(crate) fn notify(memory: &Memory) -> Wake {
 
 /// Announces a change to the readers and wakes all of them, whatever the masks say.
 pub(crate) fn notify_all(memory: &Memory) {
-    // Release: pairs with the Acquire in wait::sleep, so that whoever sees the bump sees what
-    // came before it.
+    // Release: pairs with the Acquire in wait::sleep, so that a reader that sees the bump sees
+    // what came before it.
     memory.u32(FUTEX_WORD).fetch_add(1, Ordering::Release);
     memory.futex_wake();
 }

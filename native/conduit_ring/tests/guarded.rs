@@ -14,8 +14,8 @@ use conduit_ring::{
     Received, Start, Subscriber, SubscriberOptions, Topic, Wait,
 };
 use support::{
-    Helper, LONG, Raw, Scratch, next, next_message, proven_number, proving_message, role,
-    tell_ready,
+    Helper, LONG, Raw, Scratch, next, next_message, proven_number, proving_message, report_ready,
+    role,
 };
 
 const WAITING_MASK: usize = 140;
@@ -28,12 +28,12 @@ fn child() {
         Some((role, topic)) if role == "publisher" => publish_for_ever(&topic),
         Some((role, topic)) if role == "quiet publisher" => {
             let _publisher = publisher(&topic);
-            tell_ready();
+            report_ready();
             thread::sleep(Duration::MAX);
         }
         Some((_, topic)) => {
             let mut subscriber = guarded(&topic);
-            tell_ready();
+            report_ready();
             loop {
                 next(&mut subscriber, &mut Vec::new());
             }
@@ -51,7 +51,7 @@ fn publisher(topic: &Topic) -> Publisher {
 
 fn publish_for_ever(topic: &Topic) {
     let mut publisher = publisher(topic);
-    tell_ready();
+    report_ready();
     loop {
         let n = publisher.next_sequence();
         let len = (n.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 51) as usize;
@@ -135,7 +135,7 @@ fn a_guarded_subscriber_sleeps_is_woken_and_does_not_show() {
     });
     drop(subscriber);
     let wakes = publisher.info().wake_count;
-    publisher.publish(b"to nobody").unwrap();
+    publisher.publish(b"unseen").unwrap();
     assert_eq!(publisher.info().wake_count, wakes);
 }
 

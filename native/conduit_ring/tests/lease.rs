@@ -13,7 +13,7 @@ use conduit_ring::{
     Subscriber, SubscriberOptions, Topic,
 };
 use support::{
-    Helper, LONG, Raw, Scratch, next_message, proven_number, proving_message, role, tell_ready,
+    Helper, LONG, Raw, Scratch, next_message, proven_number, proving_message, report_ready, role,
 };
 
 /// The program of a helper process; not a test.
@@ -24,12 +24,12 @@ fn child() {
         Some((role, topic)) if role == "holder" => {
             let mut subscriber = subscriber(&topic, Start::Latest);
             let _lease = lease(&mut subscriber);
-            tell_ready();
+            report_ready();
             thread::sleep(std::time::Duration::MAX);
         }
         Some((role, topic)) if role == "holder of the next" => {
             let mut subscriber = subscriber(&topic, Start::New);
-            tell_ready();
+            report_ready();
             // The first may be a copy.
             let _lease = loop {
                 let (_, lease) = lease(&mut subscriber);
@@ -64,7 +64,7 @@ fn subscriber(topic: &Topic, start: Start) -> Subscriber {
 
 fn publish_for_ever(topic: &Topic) {
     let mut publisher = publisher(topic);
-    tell_ready();
+    report_ready();
     loop {
         // The messages go behind the held slots.
         let Ok(n) = publisher.loan(0).map(|loan| loan.sequence()) else {
@@ -107,7 +107,7 @@ fn leasing(topic: &Topic, publisher: &mut Publisher) -> Subscriber {
 /// Publishes on a ring of four slots of which one is held. Returns the numbers of the messages.
 fn publish_around(times: u64, publisher: &mut Publisher) -> Vec<u64> {
     (0..times)
-        .map(|_| publisher.publish(b"goes on").unwrap())
+        .map(|_| publisher.publish(b"next").unwrap())
         .collect()
 }
 
@@ -151,18 +151,18 @@ fn a_reader_that_holds_slots_stops_no_other_reader_and_costs_them_counted_messag
     while other.try_read(&mut buffer).unwrap() != conduit_ring::Read::Nothing {}
     let before = other.stats();
     for _ in 0..300 {
-        let n = publisher.publish(b"goes on").unwrap();
+        let n = publisher.publish(b"next").unwrap();
         assert_eq!(next_message(&mut other, &mut buffer).0, n);
-        assert_eq!(buffer, b"goes on");
+        assert_eq!(buffer, b"next");
     }
     let lost = other.stats().lost - before.lost;
     assert_eq!(other.stats().delivered - before.delivered, 300);
     assert_eq!(publisher.info().dropped_pinned, lost);
     assert!((99..=101).contains(&lost), "every fourth number: {lost}");
     let info = Info::read(&topic).unwrap();
-    let told: Vec<_> = info.readers.iter().filter(|r| r.leases > 0).collect();
-    assert_eq!(told.iter().map(|r| r.pid).collect::<Vec<_>>(), [pid]);
-    assert!(info.published - told[0].held[0] >= 400, "{told:?}");
+    let holders: Vec<_> = info.readers.iter().filter(|r| r.leases > 0).collect();
+    assert_eq!(holders.iter().map(|r| r.pid).collect::<Vec<_>>(), [pid]);
+    assert!(info.published - holders[0].held[0] >= 400, "{holders:?}");
 }
 
 #[test]
@@ -290,7 +290,7 @@ fn a_killed_holder_stalls_no_publisher() {
     helper.kill();
     let deadline = Instant::now() + LONG;
     while !publisher.info().readers.is_empty() {
-        publisher.publish(b"goes on").unwrap();
+        publisher.publish(b"next").unwrap();
         assert!(Instant::now() < deadline, "never taken back");
     }
     assert_eq!(Raw::open(&topic).unwrap().u32(144).load(Relaxed), 0);
@@ -303,7 +303,7 @@ fn a_killed_holder_that_was_not_checked_before_costs_no_message() {
     publisher.publish(b"held").unwrap();
     Helper::start("holder", &topic).kill();
     for n in 1..9 {
-        assert_eq!(publisher.publish(b"goes on"), Ok(n));
+        assert_eq!(publisher.publish(b"next"), Ok(n));
     }
     assert_eq!(publisher.info().dropped_pinned, 0);
 }

@@ -140,13 +140,13 @@ fn a_takeover_wakes_sleepers() {
     leave_dead(&topic, Geometry::default(), 1);
     let raw = Raw::open(&topic).unwrap();
     let seen = raw.u32(132).load(Relaxed);
-    let (tell, told) = std::sync::mpsc::channel();
+    let (sender, receiver) = std::sync::mpsc::channel();
     let sleeper = thread::spawn(move || {
         raw.futex_wait(seen);
-        tell.send(()).unwrap();
+        sender.send(()).unwrap();
     });
     let _publisher = publisher(&topic);
-    told.recv_timeout(LONG).expect("slept on");
+    receiver.recv_timeout(LONG).expect("slept on");
     sleeper.join().unwrap();
 }
 

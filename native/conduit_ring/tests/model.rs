@@ -210,15 +210,15 @@ fn run(geometry: Geometry, steps: Vec<Step>) -> Result<(), TestCaseError> {
                 publisher = Publisher::open(&topic, &options).unwrap();
                 epoch += 1;
             }
-            Step::Leave(who) => drop(readers.swap_remove(who % readers.len())),
-            Step::EndLeases(who) => {
-                if let Some((_, _, leases, _)) = readers.get_mut(who % 3) {
+            Step::Leave(index) => drop(readers.swap_remove(index % readers.len())),
+            Step::EndLeases(index) => {
+                if let Some((_, _, leases, _)) = readers.get_mut(index % 3) {
                     leases.clear();
                 }
             }
-            Step::Lease(who) => {
-                let who = who % readers.len();
-                let (subscriber, reader, leases, _) = &mut readers[who];
+            Step::Lease(index) => {
+                let index = index % readers.len();
+                let (subscriber, reader, leases, _) = &mut readers[index];
                 let unread = model.read(&mut reader.clone()).is_some();
                 let held = leases.iter().filter(|lease| lease.holds_slot()).count();
                 if held == 3 {
@@ -238,9 +238,9 @@ fn run(geometry: Geometry, steps: Vec<Step>) -> Result<(), TestCaseError> {
                     (read, expected) => prop_assert!(false, "{read:?} instead of {expected:?}"),
                 }
             }
-            Step::Read(who) => {
-                let who = who % readers.len();
-                let (subscriber, reader, ..) = &mut readers[who];
+            Step::Read(index) => {
+                let index = index % readers.len();
+                let (subscriber, reader, ..) = &mut readers[index];
                 match (
                     subscriber.try_read(&mut buffer).unwrap(),
                     model.read(reader),

@@ -13,14 +13,14 @@ use conduit_ring::{
     PublisherOptions, Read, Received, Start, State, Subscriber, SubscriberOptions, Topic,
     nameless_publishers,
 };
-use support::{Helper, LONG, Scratch, next, next_message, role, tell_ready};
+use support::{Helper, LONG, Scratch, next, next_message, report_ready, role};
 
 /// The program of a helper process; not a test.
 #[test]
 fn child() {
     let Some((_, topic)) = role() else { return };
     let _publisher = publisher(&topic);
-    tell_ready();
+    report_ready();
     thread::sleep(std::time::Duration::MAX);
 }
 

@@ -9,7 +9,7 @@ use std::time::Duration;
 use conduit_ring::{
     Geometry, Info, Observer, ObserverOptions, Publisher, PublisherOptions, Read, Start, Topic,
 };
-use support::{Helper, LONG, Scratch, proven_number, proving_message, role, tell_ready};
+use support::{Helper, LONG, Scratch, proven_number, proving_message, report_ready, role};
 
 /// The program of the process that the tests start: it publishes until it is killed.
 #[test]
@@ -17,7 +17,7 @@ fn child() {
     let Some((role, topic)) = role() else { return };
     assert_eq!(role, "publish");
     let mut publisher = open(&topic);
-    tell_ready();
+    report_ready();
     loop {
         let n = publisher.next_sequence();
         publisher.publish(&proving_message(n, 64)).unwrap();

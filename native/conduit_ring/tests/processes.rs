@@ -10,7 +10,7 @@ use conduit_ring::{
     Topic,
 };
 use support::{
-    Helper, Raw, Scratch, next, next_message, proven_number, proving_message, role, tell_ready,
+    Helper, Raw, Scratch, next, next_message, proven_number, proving_message, report_ready, role,
 };
 
 /// The program of a helper process; not a test.
@@ -23,7 +23,7 @@ fn child() {
         Some((role, topic)) if role == "restless reader" => claim_and_leave(&topic),
         Some((role, topic)) if role == "restful publisher" => {
             let _publisher = Publisher::open(&topic, &options()).unwrap();
-            tell_ready();
+            report_ready();
             std::thread::sleep(Duration::MAX);
         }
         Some((_, topic)) => read_for_ever(&topic),
@@ -39,7 +39,7 @@ fn options() -> PublisherOptions {
 
 fn publish_for_ever(topic: &Topic) {
     let mut publisher = Publisher::open(topic, &options()).unwrap();
-    tell_ready();
+    report_ready();
     loop {
         let n = publisher.next_sequence();
         let len = n.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 51;
@@ -52,7 +52,7 @@ fn publish_for_ever(topic: &Topic) {
 
 fn read_for_ever(topic: &Topic) {
     let mut subscriber = Subscriber::open(topic, &SubscriberOptions::default()).unwrap();
-    tell_ready();
+    report_ready();
     let mut buffer = Vec::new();
     loop {
         next_message(&mut subscriber, &mut buffer);
@@ -61,7 +61,7 @@ fn read_for_ever(topic: &Topic) {
 }
 
 fn come_and_go(topic: &Topic) {
-    tell_ready();
+    report_ready();
     loop {
         let mut publisher = Publisher::open(topic, &options()).unwrap();
         assert!(publisher.publish(b"here").is_ok());
@@ -69,7 +69,7 @@ fn come_and_go(topic: &Topic) {
 }
 
 fn claim_and_leave(topic: &Topic) {
-    tell_ready();
+    report_ready();
     loop {
         drop(Subscriber::open(topic, &SubscriberOptions::default()).unwrap());
     }

@@ -11,7 +11,7 @@ use conduit_ring::repair::{Repair, clear_legacy_readers, reclaim_readers, remove
 use conduit_ring::{
     Error, Info, Listing, Publisher, PublisherOptions, Subscriber, SubscriberOptions,
 };
-use support::{Helper, Raw, Scratch, role, tell_ready};
+use support::{Helper, Raw, Scratch, report_ready, role};
 
 const SUBSCRIBER_MASK: usize = 128;
 
@@ -23,7 +23,7 @@ fn child() {
         (role == "publish").then(|| Publisher::open(&topic, &PublisherOptions::default()).unwrap());
     let _subscriber = (role == "subscribe")
         .then(|| Subscriber::open(&topic, &SubscriberOptions::default()).unwrap());
-    tell_ready();
+    report_ready();
     loop {
         std::thread::park();
     }

@@ -20,7 +20,7 @@ use conduit_ring::{
     Error, Fault, Guard, Info, Observer, ObserverOptions, Publisher, PublisherOptions, Read,
     Received, Start, State, Subscriber, SubscriberOptions, Topic, Wait, trust,
 };
-use support::{Helper, LONG, Scratch, next, next_message, role, tell_ready};
+use support::{Helper, LONG, Scratch, next, next_message, report_ready, role};
 
 /// The user `nobody`.
 const STRANGER: u32 = 65_534;
@@ -47,7 +47,7 @@ fn child() {
         }
         role => panic!("{role}"),
     }
-    tell_ready();
+    report_ready();
 }
 
 fn publisher(topic: &Topic) -> Result<Publisher, Error> {

@@ -338,7 +338,7 @@ fn pins_of_the_dead_are_taken_back_and_those_of_the_living_are_not() {
         let reclaimed = reclaim_pins(&memory, &*locks, claim.reader_slot.bit()).unwrap();
         assert!(!before || !reclaimed || !held(&memory));
         let successor = claimant.join().unwrap();
-        assert!(successor.is_none_or(|successor| successor.stands(&memory)));
+        assert!(successor.is_none_or(|successor| successor.is_current(&memory)));
         assert!(reclaimed || successor.is_some());
         assert!(try_publish(&mut writer, &memory));
     });

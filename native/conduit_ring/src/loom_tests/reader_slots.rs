@@ -18,7 +18,7 @@ fn two_claimants_never_share_a_reader_slot() {
         let mine = take(&memory, &locks, 1);
         let other = other.join().unwrap();
         for claim in [mine, other].into_iter().flatten() {
-            assert!(claim.stands(&memory));
+            assert!(claim.is_current(&memory));
         }
         assert!(mine.or(other).is_some());
     });
@@ -40,9 +40,9 @@ fn a_leaked_reader_slot_goes_to_one_claimant() {
         let winners: Vec<Claim> = [mine, other].into_iter().flatten().collect();
         assert!(winners.len() <= 1);
         winners.iter().for_each(|winner| {
-            assert!(winner.stands(&memory) && winner.reader_slot == leaked.reader_slot)
+            assert!(winner.is_current(&memory) && winner.reader_slot == leaked.reader_slot)
         });
-        assert!(held.stands(&memory));
+        assert!(held.is_current(&memory));
     });
 }
 

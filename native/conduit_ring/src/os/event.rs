@@ -59,7 +59,7 @@ pub(crate) fn wait_for_either(event: &Event, watch: Option<&Watch>, timeout: Dur
     let event = event.fd.as_fd();
     let watch = watch.map(|watch| watch.inotify.as_fd());
     let wait_for_input = |fd| PollFd::new(fd, PollFlags::POLLIN);
-    // Without a watch the event stands in both places.
+    // Without a watch both places have the event.
     let mut polled = [event, watch.unwrap_or(event)].map(wait_for_input);
     // Every result, an interruption too, is a reason to look again.
     let _ = poll(&mut polled, timeout);

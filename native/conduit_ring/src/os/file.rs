@@ -79,7 +79,7 @@ pub(crate) fn owner_of(path: &Path) -> io::Result<FileOwner> {
     std::fs::symlink_metadata(path).map(|found| FileOwner::of(&found))
 }
 
-/// Returns whether new files get the group of this directory, whoever makes them.
+/// Returns whether new files get the group of this directory instead of their maker's.
 pub(crate) fn gives_group(directory: &Path) -> bool {
     const SET_GROUP: u32 = 0o2000;
     std::fs::metadata(directory).map_or(true, |found| found.mode() & SET_GROUP != 0)

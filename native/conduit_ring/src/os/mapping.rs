@@ -19,7 +19,7 @@ pub(crate) struct Mapping {
     len: usize,
 }
 
-// SAFETY: a Mapping is only an address and a length; whoever reads or writes there uses atomics.
+// SAFETY: a Mapping is only an address and a length; all accesses through it are atomic.
 unsafe impl Send for Mapping {}
 // SAFETY: as above.
 unsafe impl Sync for Mapping {}

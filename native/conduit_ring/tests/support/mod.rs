@@ -119,7 +119,7 @@ pub fn role() -> Option<(String, Topic)> {
 }
 
 /// Reports to the parent that the helper is ready.
-pub fn tell_ready() {
+pub fn report_ready() {
     println!("\nready");
 }
 
