@@ -54,7 +54,7 @@
 //!
 //! ```text
 //!     0 ┌──────────────────────────────────────────────────────────────┐
-//!       │ geometry, version, state, instance_id, content tag, epoch    │ written once
+//!       │ geometry, version, instance_id, content tag; state, epoch    │ what the segment is
 //!    64 ├──────────────────────────────────────────────────────────────┤
 //!       │ write_idx    messages published  ◄── lock: a publisher lives │ the publisher's
 //!       │ write_intent the message being written, + 1; counters        │ cache line
@@ -66,9 +66,9 @@
 //!   256 ├──────────────────────────────────────────────────────────────┤
 //!       │ reader slots 1 to 15                                         │
 //!  1216 ├──────────────────────────────────────────────────────────────┤
-//!       │ slot 0: length │ sequence │ time │ payload …                 │ message 0, or 16,
-//!       ├──────────────────────────────────────────────────────────────┤ or 32, …
-//!       │ slot 1                                                       │
+//!       │ slot 0: length │ sequence │ time │ payload …                 │ with 16 slots:
+//!       ├──────────────────────────────────────────────────────────────┤ message 0, 16, 32, …
+//!       │ slot 1                                                       │ message 1, 17, 33, …
 //!       │ …                                                            │
 //!       └──────────────────────────────────────────────────────────────┘
 //! ```
@@ -154,9 +154,9 @@
 //!
 //! An attached subscriber is "up" while the publisher's lock is taken. From "up" to "down" it
 //! returns [`Read::PublisherDown`], and back [`Read::PublisherUp`]. A change to "down" or
-//! "awaiting" comes after the last message. Where the next segment continues
-//! the same messages (the same [`instance_id`](Incarnation::instance_id)), the subscriber
-//! continues at its place; a new segment is read from its first message.
+//! "awaiting" comes after the last message. Where the next segment continues the same messages
+//! (the same [`instance_id`](Incarnation::instance_id)), the subscriber continues at its place. A
+//! new segment is read from its first message.
 //!
 //! # The life of an attachment
 //!
@@ -174,17 +174,19 @@
 //! about it:
 //!
 //! ```text
-//!             lock, then subscriber_mask,
-//!             then native_mask
-//!     free ───────────────────────────────► claimed ◄──────► asleep (waiting_mask)
-//!      ▲                                     │    ▲
-//!      │  native, waiting and pin bits,      │    └────────► holds messages (pin_mask, pins)
-//!      │  then subscriber_mask, then unlock  │
-//!      └─────────────────────────────────────┤
-//!      ▲                                     │ the process dies: the kernel frees the lock
-//!      │  the next subscriber, or the        ▼
-//!      └─ publisher, takes the lock ────── leaked
-//!         and clears the bits
+//!                  lock; subscriber_mask; native_mask
+//!        ┌──────────────────────────────────────────────────┐
+//!        │                                                  ▼
+//!   ┌─────────┐   native, waiting and pin bits;       ┌──────────┐ ◄─► asleep: waiting_mask
+//!   │  free   │ ◄─ subscriber_mask; unlock ────────── │ claimed  │
+//!   └─────────┘                                       └──────────┘ ◄─► holding: pin_mask, pins
+//!        ▲                                                  │
+//!        │   the next subscriber, or the publisher,         │ the process dies, and
+//!        │   takes the lock and clears the bits             │ the kernel frees the lock
+//!        │                                                  ▼
+//!        │                                            ┌──────────┐
+//!        └─────────────────────────────────────────── │  leaked  │
+//!                                                     └──────────┘
 //! ```
 //!
 //! # A takeover
@@ -193,6 +195,8 @@
 //!
 //! ```text
 //!   no file ────────────────────────────────────────────► make a segment, number 0, epoch 0
+//!
+//!   file ── owner not trusted, without `force` ─────────► Error::ForeignOwner
 //!
 //!   file ── lock refused ───────────────────────────────► Error::PublisherAlive
 //!     │

@@ -4,8 +4,8 @@ use std::fmt;
 
 /// Why a message was not published.
 ///
-/// The publisher stays usable after each of them, and the next message gets the number that this
-/// one would have had.
+/// Nothing was published, and the next message gets the number that this one would have had. The
+/// publisher stays usable, except after [`PublishError::Forked`].
 ///
 /// ```
 /// use conduit_ring::{Geometry, PublishError, Publisher, PublisherOptions, Topic};

@@ -4,8 +4,8 @@
 //! their way. These functions remove leftovers of topics that are no longer used, and answer
 //! the questions of `ganglion doctor`.
 //!
-//! Each one touches a file only under the publisher's lock, or under a dead reader's lock, and
-//! only when no process uses it.
+//! Each one touches a file only under a lock that a living process would hold: the publisher's,
+//! or that of the reader whose slot it takes back.
 
 use crate::attach;
 use crate::claim;

@@ -83,8 +83,9 @@ impl Subscriber {
 
     /// Takes the next message, if there is one, into `buffer`, whose content it replaces.
     ///
-    /// Never waits. Calls the operating system only when there is no message, at most twice a
-    /// second, and then to check the publisher.
+    /// Never waits. Calls the operating system only when there is no message: at most twice a
+    /// second while the publisher lives, to check that it does, and in each call while none
+    /// lives, to look for one.
     ///
     /// # Errors
     /// - [`Error::Forked`] in a child of the process that opened the subscriber.

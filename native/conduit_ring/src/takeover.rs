@@ -1,26 +1,23 @@
 //! How a publisher gets the segment of its topic, whatever has the topic's name.
 //!
 //! ```text
-//!                        open the file of the topic's name
-//!         ┌────────────────────┬─────────┴──────────┬──────────────────────┐
-//!      no file           lock refused          lock taken            owner not trusted
-//!         │                    │                    │                      │
-//!         │             PublisherAlive    ┌─────────┼───────────┐     ForeignOwner,
-//!         │                             ours      legacy   not a ring  unless forced
-//!         │                    ┌──────────┤         │           │
-//!         │              same geometry,  else       │           │
-//!         │              content; live    │         └─────┬─────┘
-//!         │                    │          │            in use? ──yes──► LegacyInUse or
-//!         │                    │        retire,           │no or forced BadSegment
-//!         │                    │        unlink          unlink
-//!         ▼                    ▼          │               │
-//!      create ◄──────────── take over ◄── │ ──────────────┘
-//!      at number 0          in place      ▼
-//!                           at write_idx  create at number 0
+//!   open the file of the topic's name
+//!   │
+//!   ├─ no file ─────────────────────────────────────────────► create, at number 0
+//!   ├─ owner not trusted, without force ────────────────────► ForeignOwner
+//!   ├─ lock refused ────────────────────────────────────────► PublisherAlive
+//!   └─ lock taken
+//!      ├─ the name leads to another file by now ────────────► begin again
+//!      ├─ native
+//!      │  ├─ same geometry and content, state live ─────────► take over, at write_idx
+//!      │  └─ else ──► retire, unlink ───────────────────────► create, at number 0
+//!      └─ legacy, not a ring, or owner not trusted
+//!         ├─ a process uses it, without force ──────────────► LegacyInUse, BadSegment
+//!         └─ else ──► unlink ───────────────────────────────► create, at number 0
 //! ```
 //!
 //! The lock decides, never a time or a process number. A lock that was taken on a file that lost
-//! the name meanwhile is worth nothing: then all begins again.
+//! the name meanwhile does not count.
 
 use crate::attach::{self, Attached};
 use crate::create::{create, lock_publisher, write_identity};
