@@ -22,42 +22,17 @@ const BLOCK: usize = 8 * WORD;
 /// `from` is valid for reads and `to` for writes of `len` bytes; they do not overlap.
 #[inline]
 pub(crate) unsafe fn into_shared(from: *const u8, to: *mut u8, len: usize) {
-    let mut at = 0;
-
-    while !to.wrapping_add(at).cast::<u64>().is_aligned() && at < len {
-        if to.wrapping_add(at).cast::<u32>().is_aligned() && len - at >= HALF {
-            // SAFETY: four bytes are left on both sides and the shared side is 4-aligned.
-            unsafe { store_half(from.wrapping_add(at), to.wrapping_add(at)) };
-            at += HALF;
-        } else {
-            // SAFETY: a byte is left on both sides.
-            unsafe { store_byte(from.wrapping_add(at), to.wrapping_add(at)) };
-            at += 1;
+    for_each_piece(to, len, |piece, at| {
+        let (from, to) = (from.wrapping_add(at), to.wrapping_add(at));
+        match piece {
+            // SAFETY: the piece lies inside both sides, and the shared side is 8-aligned there.
+            Piece::Word => unsafe { store::<AtomicU64>(from, to) },
+            // SAFETY: the piece lies inside both sides, and the shared side is 4-aligned there.
+            Piece::Half => unsafe { store::<AtomicU32>(from, to) },
+            // SAFETY: the piece lies inside both sides.
+            Piece::Byte => unsafe { store::<AtomicU8>(from, to) },
         }
-    }
-    while len - at >= BLOCK {
-        for word in 0..BLOCK / WORD {
-            let word = at + word * WORD;
-            // SAFETY: a whole block is left on both sides and the shared side is 8-aligned.
-            unsafe { store_word(from.wrapping_add(word), to.wrapping_add(word)) };
-        }
-        at += BLOCK;
-    }
-    while len - at >= WORD {
-        // SAFETY: a word is left on both sides and the shared side is 8-aligned.
-        unsafe { store_word(from.wrapping_add(at), to.wrapping_add(at)) };
-        at += WORD;
-    }
-    if len - at >= HALF {
-        // SAFETY: four bytes are left on both sides and the shared side is 8-aligned.
-        unsafe { store_half(from.wrapping_add(at), to.wrapping_add(at)) };
-        at += HALF;
-    }
-    while at < len {
-        // SAFETY: a byte is left on both sides.
-        unsafe { store_byte(from.wrapping_add(at), to.wrapping_add(at)) };
-        at += 1;
-    }
+    });
 }
 
 /// Copies `len` bytes from shared memory into private memory.
@@ -66,102 +41,120 @@ pub(crate) unsafe fn into_shared(from: *const u8, to: *mut u8, len: usize) {
 /// `from` is valid for reads and `to` for writes of `len` bytes; they do not overlap.
 #[inline]
 pub(crate) unsafe fn out_of_shared(from: *const u8, to: *mut u8, len: usize) {
-    let from = from.cast_mut();
+    for_each_piece(from, len, |piece, at| {
+        let (from, to) = (from.wrapping_add(at).cast_mut(), to.wrapping_add(at));
+        match piece {
+            // SAFETY: the piece lies inside both sides, and the shared side is 8-aligned there.
+            Piece::Word => unsafe { load::<AtomicU64>(from, to) },
+            // SAFETY: the piece lies inside both sides, and the shared side is 4-aligned there.
+            Piece::Half => unsafe { load::<AtomicU32>(from, to) },
+            // SAFETY: the piece lies inside both sides.
+            Piece::Byte => unsafe { load::<AtomicU8>(from, to) },
+        }
+    });
+}
+
+/// A part of a copy that one access makes.
+#[derive(Clone, Copy)]
+enum Piece {
+    Byte,
+    Half,
+    Word,
+}
+
+/// Cuts `len` bytes at `shared` into pieces that are aligned there, and calls `copy` with each and
+/// its offset. The pieces follow each other without a gap.
+#[inline(always)]
+fn for_each_piece(shared: *const u8, len: usize, mut copy: impl FnMut(Piece, usize)) {
     let mut at = 0;
-    while !from.wrapping_add(at).cast::<u64>().is_aligned() && at < len {
-        if from.wrapping_add(at).cast::<u32>().is_aligned() && len - at >= HALF {
-            // SAFETY: four bytes are left on both sides and the shared side is 4-aligned.
-            unsafe { load_half(from.wrapping_add(at), to.wrapping_add(at)) };
+    while !shared.wrapping_add(at).cast::<u64>().is_aligned() && at < len {
+        if shared.wrapping_add(at).cast::<u32>().is_aligned() && len - at >= HALF {
+            copy(Piece::Half, at);
             at += HALF;
         } else {
-            // SAFETY: a byte is left on both sides.
-            unsafe { load_byte(from.wrapping_add(at), to.wrapping_add(at)) };
+            copy(Piece::Byte, at);
             at += 1;
         }
     }
     while len - at >= BLOCK {
         for word in 0..BLOCK / WORD {
-            let word = at + word * WORD;
-            // SAFETY: a whole block is left on both sides and the shared side is 8-aligned.
-            unsafe { load_word(from.wrapping_add(word), to.wrapping_add(word)) };
+            copy(Piece::Word, at + word * WORD);
         }
         at += BLOCK;
     }
     while len - at >= WORD {
-        // SAFETY: a word is left on both sides and the shared side is 8-aligned.
-        unsafe { load_word(from.wrapping_add(at), to.wrapping_add(at)) };
+        copy(Piece::Word, at);
         at += WORD;
     }
     if len - at >= HALF {
-        // SAFETY: four bytes are left on both sides and the shared side is 8-aligned.
-        unsafe { load_half(from.wrapping_add(at), to.wrapping_add(at)) };
+        copy(Piece::Half, at);
         at += HALF;
     }
     while at < len {
-        // SAFETY: a byte is left on both sides.
-        unsafe { load_byte(from.wrapping_add(at), to.wrapping_add(at)) };
+        copy(Piece::Byte, at);
         at += 1;
     }
 }
 
+/// An atomic type of the shared side.
+trait Atomic {
+    type Value: Copy;
+
+    /// # Safety
+    /// `address` is valid for reads and writes of a value, and aligned, for `'a`.
+    unsafe fn at<'a>(address: *mut u8) -> &'a Self;
+    fn get(&self) -> Self::Value;
+    fn set(&self, value: Self::Value);
+}
+
+macro_rules! atomic {
+    ($atomic:ty, $value:ty) => {
+        impl Atomic for $atomic {
+            type Value = $value;
+
+            #[inline(always)]
+            unsafe fn at<'a>(address: *mut u8) -> &'a Self {
+                // SAFETY: valid and aligned by the caller's promise.
+                unsafe { <$atomic>::from_ptr(address.cast()) }
+            }
+
+            #[inline(always)]
+            fn get(&self) -> $value {
+                // Relaxed: the fences of reader and writer order whole copies.
+                self.load(Relaxed)
+            }
+
+            #[inline(always)]
+            fn set(&self, value: $value) {
+                // Relaxed: as in get.
+                self.store(value, Relaxed);
+            }
+        }
+    };
+}
+
+atomic!(AtomicU8, u8);
+atomic!(AtomicU32, u32);
+atomic!(AtomicU64, u64);
+
 /// # Safety
-/// 8 bytes are readable at `from` and writable at `to`, which is 8-aligned.
+/// A value is readable at `from` and writable at `to`, which is aligned.
 #[inline(always)]
-unsafe fn store_word(from: *const u8, to: *mut u8) {
+unsafe fn store<A: Atomic>(from: *const u8, to: *mut u8) {
     // SAFETY: readable by the caller's promise, of any alignment.
-    let value = unsafe { from.cast::<u64>().read_unaligned() };
+    let value = unsafe { from.cast::<A::Value>().read_unaligned() };
     // SAFETY: writable and aligned by the caller's promise.
-    unsafe { AtomicU64::from_ptr(to.cast()) }.store(value, Relaxed);
+    unsafe { A::at(to) }.set(value);
 }
 
 /// # Safety
-/// 8 bytes are readable at `from`, which is 8-aligned, and writable at `to`.
+/// A value is readable at `from`, which is aligned, and writable at `to`.
 #[inline(always)]
-unsafe fn load_word(from: *mut u8, to: *mut u8) {
+unsafe fn load<A: Atomic>(from: *mut u8, to: *mut u8) {
     // SAFETY: readable and aligned by the caller's promise; a load does not write.
-    let value = unsafe { AtomicU64::from_ptr(from.cast()) }.load(Relaxed);
+    let value = unsafe { A::at(from) }.get();
     // SAFETY: writable by the caller's promise, of any alignment.
-    unsafe { to.cast::<u64>().write_unaligned(value) };
-}
-
-/// # Safety
-/// 4 bytes are readable at `from` and writable at `to`, which is 4-aligned.
-#[inline(always)]
-unsafe fn store_half(from: *const u8, to: *mut u8) {
-    // SAFETY: readable by the caller's promise, of any alignment.
-    let value = unsafe { from.cast::<u32>().read_unaligned() };
-    // SAFETY: writable and aligned by the caller's promise.
-    unsafe { AtomicU32::from_ptr(to.cast()) }.store(value, Relaxed);
-}
-
-/// # Safety
-/// 4 bytes are readable at `from`, which is 4-aligned, and writable at `to`.
-#[inline(always)]
-unsafe fn load_half(from: *mut u8, to: *mut u8) {
-    // SAFETY: readable and aligned by the caller's promise; a load does not write.
-    let value = unsafe { AtomicU32::from_ptr(from.cast()) }.load(Relaxed);
-    // SAFETY: writable by the caller's promise, of any alignment.
-    unsafe { to.cast::<u32>().write_unaligned(value) };
-}
-
-/// # Safety
-/// A byte is readable at `from` and writable at `to`.
-#[inline(always)]
-unsafe fn store_byte(from: *const u8, to: *mut u8) {
-    // SAFETY: readable by the caller's promise.
-    let value = unsafe { from.read() };
-    // SAFETY: writable by the caller's promise.
-    unsafe { AtomicU8::from_ptr(to) }.store(value, Relaxed);
-}
-
-/// # Safety
-/// A byte is readable at `from` and writable at `to`.
-#[inline(always)]
-unsafe fn load_byte(from: *mut u8, to: *mut u8) {
-    // SAFETY: readable by the caller's promise; a load does not write.
-    let value = unsafe { AtomicU8::from_ptr(from) }.load(Relaxed);
-    // SAFETY: writable by the caller's promise.
-    unsafe { to.write(value) };
+    unsafe { to.cast::<A::Value>().write_unaligned(value) };
 }
 
 #[cfg(test)]
