@@ -1,12 +1,13 @@
-//! CDR, the Common Data Representation of DDS and ROS 2, little-endian.
+//! CDR, the Common Data Representation of DDS and ROS 2, in little-endian byte order.
 //!
-//! A message starts with four bytes of encapsulation: `00 01` (plain CDR, little-endian) and two bytes of options that are
-//! zero. After them each number stands at a multiple of its own size, counted from the fifth byte; the gaps are zeros.
-//! A string is a u32 length that counts its closing NUL, the bytes, the NUL. A sequence is a u32 count and the elements.
-//! A fixed array is its elements and nothing else.
+//! A message starts with four bytes of encapsulation: `00 01` (plain CDR, little-endian) and two
+//! zero bytes of options. After them, each number is aligned to a multiple of its own size,
+//! counted from the fifth byte; padding is zeros. A string is a u32 length that includes the
+//! closing NUL, then the bytes and the NUL. A sequence is a u32 count and its elements. A fixed
+//! array is its elements alone.
 //!
-//! These rules are all that our messages need, and they fit on one page. The crates that do CDR bring serde with them and
-//! leave the check of a hostile length to their caller.
+//! Our messages need no more than these rules. The crates for CDR depend on serde and leave the
+//! check of a hostile length to their caller.
 //!
 //! ```
 //! use ganglion_messages::cdr::{Reader, Writer};
@@ -28,10 +29,10 @@ use std::fmt;
 /// The encapsulation header: plain CDR, little-endian, no options.
 pub const ENCAPSULATION: [u8; 4] = [0x00, 0x01, 0x00, 0x00];
 
-/// Why bytes are not the CDR message that was expected.
+/// The reason why bytes are not the expected CDR message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CdrError {
-    /// The first two bytes do not say little-endian CDR.
+    /// The first two bytes are not those of little-endian CDR.
     NotLittleEndianCdr,
     /// The message ends before its last field.
     Truncated,
@@ -54,7 +55,7 @@ impl fmt::Display for CdrError {
 
 impl std::error::Error for CdrError {}
 
-/// Writes one message into a buffer that its owner may use again for the next.
+/// Writes one message into a buffer, which its owner may use again for the next message.
 #[derive(Debug)]
 pub struct Writer<'a> {
     buffer: &'a mut Vec<u8>,
@@ -68,7 +69,7 @@ impl<'a> Writer<'a> {
         Writer { buffer }
     }
 
-    /// Writes zeros until the next multiple of `size`, a power of two.
+    /// Writes zeros up to the next multiple of `size`, a power of two.
     pub fn align(&mut self, size: usize) {
         let body = self.buffer.len() - ENCAPSULATION.len();
         let padding = padding(body, size);
@@ -113,14 +114,14 @@ impl<'a> Writer<'a> {
     /// Writes a string.
     ///
     /// # Panics
-    /// When the string is 4 GiB long: its length would not fit.
+    /// When the string has 4 GiB or more, so that its length does not fit a u32.
     pub fn string(&mut self, text: &str) {
         self.length(text.len() + 1);
         self.buffer.extend_from_slice(text.as_bytes());
         self.buffer.push(0);
     }
 
-    /// Writes the count of a sequence; its elements follow.
+    /// Writes the count of a sequence. The caller writes the elements.
     ///
     /// # Panics
     /// When `count` does not fit a u32.
@@ -129,7 +130,7 @@ impl<'a> Writer<'a> {
     }
 }
 
-/// Reads one message, field after field, and checks every step against the bytes that are there.
+/// Reads one message field by field and checks each step against the size of the message.
 #[derive(Debug, Clone)]
 pub struct Reader<'a> {
     body: &'a [u8],
@@ -137,7 +138,12 @@ pub struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    /// Starts behind the encapsulation of `message`.
+    /// Starts after the encapsulation of `message`.
+    ///
+    /// # Errors
+    /// [`CdrError::Truncated`] when the message is shorter than the encapsulation,
+    /// [`CdrError::NotLittleEndianCdr`] when it is not little-endian CDR. Every other method of
+    /// the reader fails with [`CdrError::Truncated`] when the message ends before the field does.
     pub fn new(message: &'a [u8]) -> Result<Reader<'a>, CdrError> {
         match message.split_at_checked(ENCAPSULATION.len()) {
             Some(([0x00, 0x01, _, _], body)) => Ok(Reader { body, position: 0 }),
@@ -146,12 +152,12 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// How many bytes are left.
+    /// Returns the number of bytes left.
     pub fn remaining(&self) -> usize {
         self.body.len() - self.position
     }
 
-    /// Goes to the next multiple of `size`, a power of two.
+    /// Skips to the next multiple of `size`, a power of two.
     pub fn align(&mut self, size: usize) -> Result<(), CdrError> {
         self.take(padding(self.position, size)).map(drop)
     }
@@ -204,7 +210,12 @@ impl<'a> Reader<'a> {
         Ok(values)
     }
 
-    /// Reads a string, borrowed from the message. A length of 0, which some writers use for "", is taken as such.
+    /// Reads a string, borrowed from the message. A length of 0, which some writers use for "",
+    /// is accepted.
+    ///
+    /// # Errors
+    /// [`CdrError::StringNotTerminated`] and [`CdrError::StringNotUtf8`], beside
+    /// [`CdrError::Truncated`].
     pub fn string(&mut self) -> Result<&'a str, CdrError> {
         let length = self.u32()? as usize;
         match self.take(length)?.split_last() {
@@ -214,8 +225,11 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Reads the count of a sequence whose elements take at least `smallest` bytes each. A count that the rest of the
-    /// message cannot hold is an error, so that the result is safe to allocate by.
+    /// Reads the count of a sequence whose elements take at least `smallest` bytes each.
+    ///
+    /// # Errors
+    /// [`CdrError::Truncated`] when the rest of the message cannot hold that many elements, so
+    /// that the result is safe to allocate by.
     pub fn length(&mut self, smallest: usize) -> Result<usize, CdrError> {
         let count = self.u32()? as usize;
         match count.checked_mul(smallest) {

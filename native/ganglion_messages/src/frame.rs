@@ -1,4 +1,4 @@
-//! Camera frames: a header of 44 bytes, then the pixels, uncompressed.
+//! Camera frames: a header of 44 bytes, then the uncompressed pixels.
 //!
 //! | offset | type | field | | offset | type | field |
 //! |---|---|---|---|---|---|---|
@@ -8,14 +8,15 @@
 //! | 4 | u32 | width, pixels | | 34 | u8 | rotation |
 //! | 8 | u32 | height, pixels | | 35 | u8 | colourspace |
 //! | 12 | u32 | fourcc, V4L2's | | 36 | u32 | frame_id |
-//! | 16 | u32 | stride, bytes from row to row | | 40 | u32 | exposure_us |
+//! | 16 | u32 | stride, bytes per row with padding | | 40 | u32 | exposure_us |
 //! | 20 | u32 | data_size, bytes of pixels | | 44 | | the pixels |
 //!
-//! All little-endian. With the ring's own 20 bytes in front, the pixels of a slot start on a cache line.
+//! All fields are little-endian. Together with the 20 bytes that the ring puts in front of each
+//! message, the header makes the pixels of a slot start on a cache line.
 
 use std::fmt;
 
-/// The encoding's name, from which the ring's content tag is made.
+/// The encoding's name. The ring's content tag is its hash.
 pub const ENCODING: &str = "conduit/frame";
 
 /// The pixel format of 8-bit grey, V4L2's `V4L2_PIX_FMT_GREY`.
@@ -27,7 +28,7 @@ pub const CLOCK_MONOTONIC_RAW: u8 = 4;
 const MAGIC: u16 = 0x4D43;
 const VERSION: u8 = 1;
 
-/// Everything that is known of a frame but its pixels. Magic and version are the encoding's own and do not appear.
+/// The header of a frame, without magic and version.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FrameHeader {
     /// Reserved; 0.
@@ -36,25 +37,25 @@ pub struct FrameHeader {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// V4L2's code of the pixel format, such as [`GREY`].
+    /// V4L2's code for the pixel format, such as [`GREY`].
     pub fourcc: u32,
     /// Bytes from the start of a row to the start of the next.
     pub stride: u32,
     /// Bytes of pixels behind the header.
     pub data_size: u32,
-    /// When the exposure started, ns of the clock `clock_id`.
+    /// Start of the exposure in nanoseconds of the clock `clock_id`.
     pub timestamp_ns: u64,
-    /// Linux's number of that clock; ours is [`CLOCK_MONOTONIC_RAW`].
+    /// Linux's number of that clock: [`CLOCK_MONOTONIC_RAW`] in our frames.
     pub clock_id: u8,
-    /// Planes in the pixels; 1 for grey.
+    /// Number of planes; 1 for grey.
     pub plane_count: u8,
-    /// How the camera is mounted; 0 is upright.
+    /// Mounting of the camera; 0 is upright.
     pub rotation: u8,
-    /// V4L2's `enum v4l2_colorspace`; 0 is not stated.
+    /// V4L2's `enum v4l2_colorspace`; 0 means not stated.
     pub colourspace: u8,
     /// The camera's own count of its frames.
     pub frame_id: u32,
-    /// Exposure time, µs; 0 is not known.
+    /// Exposure time in µs; 0 means not known.
     pub exposure_us: u32,
 }
 
@@ -62,7 +63,8 @@ impl FrameHeader {
     /// Bytes of an encoded header.
     pub const SIZE: usize = 44;
 
-    /// The header of a grey frame whose rows follow each other without a gap, stamped by [`CLOCK_MONOTONIC_RAW`].
+    /// Returns the header of a grey frame without padding between rows, stamped by
+    /// [`CLOCK_MONOTONIC_RAW`].
     ///
     /// # Panics
     /// When the frame has 4 GiB or more.
@@ -86,7 +88,7 @@ impl FrameHeader {
         }
     }
 
-    /// The header's bytes.
+    /// Encodes the header.
     pub fn encode(&self) -> [u8; FrameHeader::SIZE] {
         let mut bytes = [0; FrameHeader::SIZE];
         bytes[0..2].copy_from_slice(&MAGIC.to_le_bytes());
@@ -131,7 +133,7 @@ impl FrameHeader {
         })
     }
 
-    /// What must hold of any pixel format, and more where the format is known to us.
+    /// Checks the rules of every pixel format, and those of [`GREY`].
     fn check(&self, available: usize) -> Result<(), FrameError> {
         if self.width == 0 || self.height == 0 {
             return Err(FrameError::Empty);
@@ -176,31 +178,31 @@ fn u32_at(bytes: &[u8; FrameHeader::SIZE], at: usize) -> u32 {
     u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
 }
 
-/// Why a message is not a frame.
+/// The reason why a message is not a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FrameError {
-    /// Shorter than a header: so many bytes.
+    /// The message is shorter than a header: its size in bytes.
     TooShort(usize),
-    /// It does not start with "CM".
+    /// The message does not start with "CM".
     NotAFrame,
-    /// A version of the header that is not ours.
+    /// The header has an unknown version.
     UnknownVersion(u8),
-    /// No width or no height.
+    /// Width or height is 0.
     Empty,
-    /// A number of planes that the pixel format cannot have.
+    /// The pixel format cannot have this number of planes.
     PlaneCount(u8),
-    /// Rows would overlap.
+    /// The rows overlap.
     StrideTooSmall {
         /// Bytes from row to row.
         stride: u32,
         /// Bytes in a row.
         width: u32,
     },
-    /// Fewer pixels than the header says.
+    /// The message has fewer pixels than the header says.
     Truncated {
-        /// Bytes that the header asks for.
+        /// Bytes that the header implies.
         needed: u64,
-        /// Bytes that are there.
+        /// Bytes in the message.
         available: u64,
     },
 }
@@ -208,45 +210,50 @@ pub enum FrameError {
 impl fmt::Display for FrameError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            FrameError::TooShort(size) => {
-                write!(f, "{size} bytes are too few for a frame's header")
-            }
-            FrameError::NotAFrame => f.write_str("the message does not start as a frame"),
-            FrameError::UnknownVersion(version) => {
-                write!(f, "the frame's header has version {version}, not {VERSION}")
-            }
-            FrameError::Empty => f.write_str("the frame has no pixels"),
+            FrameError::TooShort(size) => write!(
+                f,
+                "expected a frame header of {} bytes, got: {size} bytes",
+                FrameHeader::SIZE
+            ),
+            FrameError::NotAFrame => f.write_str("expected a frame, which starts with \"CM\""),
+            FrameError::UnknownVersion(version) => write!(
+                f,
+                "expected version {VERSION} of the frame header, got: version {version}"
+            ),
+            FrameError::Empty => f.write_str("frame has no pixels"),
             FrameError::PlaneCount(count) => {
-                write!(f, "the frame says it has {count} planes")
+                write!(f, "frame has an impossible number of planes: {count}")
             }
-            FrameError::StrideTooSmall { stride, width } => {
-                write!(f, "the frame's rows of {width} bytes lie {stride} apart")
-            }
-            FrameError::Truncated { needed, available } => {
-                write!(
-                    f,
-                    "the frame needs {needed} bytes of pixels and has {available}"
-                )
-            }
+            FrameError::StrideTooSmall { stride, width } => write!(
+                f,
+                "expected a stride of at least {width} bytes, got: {stride}"
+            ),
+            FrameError::Truncated { needed, available } => write!(
+                f,
+                "expected {needed} bytes of pixels, got: {available} bytes"
+            ),
         }
     }
 }
 
 impl std::error::Error for FrameError {}
 
-/// A frame inside a message: its header, checked against the bytes that are there, and its pixels.
+/// A frame inside a message: its header, checked against the size of the message, and its pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Frame<'a> {
-    /// What is known of it.
+    /// The header.
     pub header: FrameHeader,
     /// `data_size` bytes of pixels.
     pub data: &'a [u8],
 }
 
 impl<'a> Frame<'a> {
-    /// Reads a message. What lies behind the pixels is ignored.
+    /// Decodes a message. Bytes after the pixels are ignored.
     ///
-    /// For [`GREY`] frames the result's every row is there. Of other pixel formats only `data_size` is checked.
+    /// For [`GREY`] the result has all rows. For other pixel formats only `data_size` is checked.
+    ///
+    /// # Errors
+    /// A [`FrameError`] that names the first field that is wrong.
     pub fn decode(message: &'a [u8]) -> Result<Frame<'a>, FrameError> {
         let (head, rest) = message
             .split_first_chunk::<{ FrameHeader::SIZE }>()
@@ -259,7 +266,8 @@ impl<'a> Frame<'a> {
         })
     }
 
-    /// The rows of a grey frame, top to bottom, `width` bytes each, whatever the stride. Nothing for other formats.
+    /// Iterates over the rows of a grey frame from top to bottom, `width` bytes each without
+    /// padding. Yields nothing for other formats.
     pub fn rows(&self) -> impl Iterator<Item = &'a [u8]> + use<'a> {
         let is_grey = self.header.fourcc == GREY;
         let width = self.header.width as usize;

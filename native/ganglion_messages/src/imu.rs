@@ -3,17 +3,17 @@
 use crate::cdr::{CdrError, Reader, Writer};
 use crate::stamp::Stamp;
 
-/// The encoding's name, from which the ring's content tag is made.
+/// The encoding's name. The ring's content tag is its hash.
 pub const ENCODING: &str = "sensor_msgs/msg/Imu";
 
-/// A sample. A covariance of zeros is not known. SI units.
+/// A sample in SI units. A covariance of zeros means not known.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Imu {
     /// Wall time of the sample.
     pub stamp: Stamp,
-    /// The sensor's name, or that of its coordinate frame.
+    /// The name of the sensor or of its coordinate frame.
     pub frame_id: String,
-    /// A quaternion, x y z w. Not known when the first element of its covariance is -1.
+    /// A quaternion, x y z w; not known when the first element of its covariance is -1.
     pub orientation: [f64; 4],
     /// Row-major, rad².
     pub orientation_covariance: [f64; 9],
@@ -28,7 +28,7 @@ pub struct Imu {
 }
 
 impl Imu {
-    /// Writes the message into `buffer`, in place of what was there.
+    /// Encodes the message into `buffer` and replaces the buffer's contents.
     pub fn encode_into(&self, buffer: &mut Vec<u8>) {
         let mut writer = Writer::new(buffer);
         self.stamp.write(&mut writer);
@@ -41,14 +41,17 @@ impl Imu {
         writer.f64s(&self.linear_acceleration_covariance);
     }
 
-    /// The message's bytes.
+    /// Encodes the message.
     pub fn encode(&self) -> Vec<u8> {
         let mut buffer = Vec::new();
         self.encode_into(&mut buffer);
         buffer
     }
 
-    /// Reads a message. What lies behind it is ignored.
+    /// Decodes a message. Bytes after it are ignored.
+    ///
+    /// # Errors
+    /// A [`CdrError`] when the bytes are not this message.
     pub fn decode(message: &[u8]) -> Result<Imu, CdrError> {
         let mut reader = Reader::new(message)?;
         Ok(Imu {
@@ -63,7 +66,7 @@ impl Imu {
         })
     }
 
-    /// How fast it turns, about whichever axis: the norm of the angular velocity, rad/s.
+    /// Returns the norm of the angular velocity, rad/s.
     pub fn angular_speed(&self) -> f64 {
         let [x, y, z] = self.angular_velocity;
         (x * x + y * y + z * z).sqrt()

@@ -1,16 +1,19 @@
-//! What the messages on Ganglion's rings look like, byte by byte.
+//! Encodings of the messages on Ganglion's rings.
 //!
-//! | module | encoding's name on the ring | what it is |
+//! Programs that publish or read frames, IMU samples or tag detections use this crate, so that
+//! all of them agree on the bytes.
+//!
+//! | module | name of the encoding on the ring | message |
 //! |---|---|---|
 //! | [`frame`] | [`frame::ENCODING`] | a camera frame: 44 bytes of header, then the pixels |
-//! | [`imu`] | [`imu::ENCODING`] | one sample of an inertial unit, as ROS 2 writes it |
-//! | [`tags`] | [`tags::ENCODING`] | the AprilTags seen in one frame, as ROS 2 writes it, and our tail |
+//! | [`imu`] | [`imu::ENCODING`] | one sample of an inertial measurement unit, as in ROS 2 |
+//! | [`tags`] | [`tags::ENCODING`] | the AprilTags in one frame, as in ROS 2, with a tail of ours |
 //!
-//! The last two are CDR, the encoding of ROS 2 and DDS; [`cdr`] reads and writes it.
+//! The last two are CDR, the encoding of ROS 2 and DDS, which [`cdr`] reads and writes.
 //!
-//! Everything here is a pure function of its input. Decoding takes whatever a peer has written: bytes that are not a message
-//! give a small error that names the cause, never a panic, and no length that was read is believed before it was compared
-//! with the bytes that are there.
+//! All functions are pure. Decoding accepts any bytes: bytes that are not a message give a small
+//! error that names the cause, never a panic. Each length in a message is compared with the size
+//! of the message before it is used.
 //!
 //! ```
 //! use ganglion_messages::frame::{Frame, FrameHeader};

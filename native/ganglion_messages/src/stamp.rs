@@ -1,20 +1,21 @@
-//! ROS 2's time: seconds and nanoseconds since 1970.
+//! Time as ROS 2 represents it: seconds and nanoseconds since 1970.
 
 use crate::cdr::{CdrError, Reader, Writer};
 
 const NS_PER_S: i64 = 1_000_000_000;
 
-/// A point of wall time (`CLOCK_REALTIME`), as `builtin_interfaces/msg/Time` holds it.
+/// A point in wall time (`CLOCK_REALTIME`), as in `builtin_interfaces/msg/Time`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Stamp {
     /// Seconds since 1970-01-01 UTC, rounded down.
     pub sec: i32,
-    /// Nanoseconds after `sec`, below 10⁹ in a message of good faith.
+    /// Nanoseconds after `sec`, below 10⁹ in a valid message.
     pub nanosec: u32,
 }
 
 impl Stamp {
-    /// The stamp of a wall time in nanoseconds. Times that ROS cannot express become the nearest that it can.
+    /// Converts a wall time in nanoseconds. A time outside ROS's range becomes the nearest one
+    /// within it.
     ///
     /// ```
     /// use ganglion_messages::stamp::Stamp;
@@ -32,7 +33,7 @@ impl Stamp {
         }
     }
 
-    /// The wall time in nanoseconds.
+    /// Returns the wall time in nanoseconds.
     pub fn unix_ns(self) -> i64 {
         i64::from(self.sec) * NS_PER_S + i64::from(self.nanosec)
     }

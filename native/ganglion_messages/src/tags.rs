@@ -1,7 +1,9 @@
-//! `apriltag_msgs/msg/AprilTagDetectionArray`: the tags that were found in one camera frame, and a tail of ours.
+//! `apriltag_msgs/msg/AprilTagDetectionArray`: the tags found in one camera frame, with a tail of
+//! ours.
 //!
-//! The tail says which frame it was, when it was captured by the clock that no one sets, and how fast the robot turned
-//! then. It lies behind the message's last field, where a reader of the standard type stops, at the next multiple of 8:
+//! The tail identifies the frame, gives its capture time by a clock that nobody can set, and the
+//! robot's angular speed at that time. It follows the message's last field, where a reader of the
+//! standard type stops, at the next multiple of 8:
 //!
 //! | offset | type | field | | offset | type | field |
 //! |---|---|---|---|---|---|---|
@@ -14,7 +16,7 @@
 use crate::cdr::{CdrError, Reader, Writer};
 use crate::stamp::Stamp;
 
-/// The encoding's name, from which the ring's content tag is made.
+/// The encoding's name. The ring's content tag is its hash.
 pub const ENCODING: &str = "apriltag_msgs/msg/AprilTagDetectionArray";
 
 const TAIL_MAGIC: u32 = u32::from_le_bytes(*b"GNGT");
@@ -22,63 +24,64 @@ const TAIL_VERSION: u32 = 1;
 const TAIL_SIZE: usize = 48;
 const ANGULAR_SPEED_KNOWN: u32 = 1;
 
-/// The bytes of the shortest detection: that with the empty family.
+/// The size of the shortest detection, one with an empty family.
 const SMALLEST_DETECTION: usize = 4 + 4 * 4 + (2 + 8 + 9) * 8;
 
-/// What was found in one frame; an empty list is news too.
+/// The tags found in one frame. The list may be empty.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TagDetections {
-    /// Wall time at which the frame was captured.
+    /// Wall time of the frame's capture.
     pub stamp: Stamp,
-    /// Where the frame came from.
+    /// The name of the camera or of its coordinate frame.
     pub frame_id: String,
     /// The tags, in the detector's order.
     pub detections: Vec<TagDetection>,
-    /// Which frame it was; `None` in the messages of other detectors.
+    /// The frame in which the tags were found; `None` in messages of other detectors.
     pub source: Option<FrameSource>,
 }
 
-/// One tag. Pixel coordinates: the image's upper left corner is (0, 0), the centre of its first pixel (0.5, 0.5).
+/// One tag. In pixel coordinates, the upper left corner of the image is (0, 0) and the centre of
+/// its first pixel (0.5, 0.5).
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TagDetection {
     /// The tag's family, such as `tag36h11`.
     pub family: String,
-    /// Its number in the family.
+    /// The tag's number in its family.
     pub id: i32,
-    /// Wrong bits that were corrected.
+    /// Number of corrected bits.
     pub hamming: i32,
-    /// The standard message's field, given up by the detector's authors: 0.
+    /// A field of the standard message that the detector no longer fills: 0.
     pub goodness: f32,
-    /// How clearly its bits were told apart; higher is better.
+    /// How clearly the detector could read the bits; higher is better.
     pub decision_margin: f32,
     /// Centre, x y.
     pub centre: [f64; 2],
-    /// Corners of the black border, in the detector's order: of an upright tag the lower left, lower right, upper
-    /// right, upper left.
+    /// Corners of the black border in the detector's order: lower left, lower right, upper right,
+    /// upper left for an upright tag.
     pub corners: [[f64; 2]; 4],
-    /// From the tag's plane (its corners at ±1) to pixels; row-major.
+    /// Maps the tag's plane, with its corners at ±1, to pixels; row-major.
     pub homography: [f64; 9],
 }
 
-/// Which frame the tags were found in.
+/// Identifies the frame in which the tags were found.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FrameSource {
     /// The frame's sequence number on its ring.
     pub frame_sequence: u64,
-    /// The camera's own count.
+    /// The camera's own count of its frames.
     pub frame_id: u32,
     /// Pixels in a row.
     pub image_width: u32,
     /// Rows.
     pub image_height: u32,
-    /// When it was captured, ns of `CLOCK_MONOTONIC_RAW`.
+    /// Capture time in nanoseconds of `CLOCK_MONOTONIC_RAW`.
     pub capture_time_ns: u64,
-    /// How fast the inertial unit turned then, rad/s; `None` when it has not said.
+    /// Angular speed of the inertial measurement unit at that time, rad/s; `None` when not known.
     pub angular_speed: Option<f64>,
 }
 
 impl TagDetections {
-    /// Writes the message into `buffer`, in place of what was there.
+    /// Encodes the message into `buffer` and replaces the buffer's contents.
     pub fn encode_into(&self, buffer: &mut Vec<u8>) {
         let mut writer = Writer::new(buffer);
         self.stamp.write(&mut writer);
@@ -92,14 +95,17 @@ impl TagDetections {
         }
     }
 
-    /// The message's bytes.
+    /// Encodes the message.
     pub fn encode(&self) -> Vec<u8> {
         let mut buffer = Vec::new();
         self.encode_into(&mut buffer);
         buffer
     }
 
-    /// Reads a message, with our tail or without.
+    /// Decodes a message with or without our tail.
+    ///
+    /// # Errors
+    /// A [`CdrError`] when the bytes are not this message, or when the tail is truncated.
     pub fn decode(message: &[u8]) -> Result<TagDetections, CdrError> {
         let mut reader = Reader::new(message)?;
         let stamp = Stamp::read(&mut reader)?;
@@ -163,7 +169,8 @@ impl FrameSource {
         writer.f64(self.angular_speed.unwrap_or(0.0));
     }
 
-    /// What is behind the standard message: nothing, something foreign or newer (both `None`), or the tail, then whole.
+    /// Reads the tail. Returns `None` when nothing or something unknown follows the standard
+    /// message.
     fn read(mut reader: Reader<'_>) -> Result<Option<FrameSource>, CdrError> {
         if !is_tail(reader.clone()) {
             return Ok(None);
@@ -192,10 +199,10 @@ fn is_tail(mut reader: Reader<'_>) -> bool {
     reader.align(8).is_ok() && reader.u32() == Ok(TAIL_MAGIC) && reader.u32() == Ok(TAIL_VERSION)
 }
 
-/// Bytes of a message with so many detections at most, whose family and whose frame_id have so many letters at most:
-/// what a slot of the ring must hold.
+/// Returns the size of the largest message with at most `detections` detections, `family` bytes
+/// of family name and `frame_id` bytes of frame id: the size that a slot of the ring needs.
 pub const fn largest_message(detections: usize, family: usize, frame_id: usize) -> usize {
-    // A string's NUL and the padding behind it, and the padding that an f64 may need later, are at most 8.
+    // At most 8 bytes for a string's NUL, its padding and the padding of a later f64.
     let header = 4 + 8 + 4 + frame_id + 8 + 4;
     let detection = SMALLEST_DETECTION + family + 8;
     header + detections * detection + 8 + TAIL_SIZE

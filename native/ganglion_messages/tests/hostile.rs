@@ -1,4 +1,4 @@
-//! Bytes that a peer may have written by mistake or on purpose, and messages that must survive the journey.
+//! Decoding of bytes that a peer wrote by mistake or on purpose, and round trips of messages.
 
 use ganglion_messages::cdr::CdrError;
 use ganglion_messages::frame::{Frame, FrameError, FrameHeader, GREY};
@@ -114,7 +114,7 @@ fn header() -> impl Strategy<Value = FrameHeader> {
     })
 }
 
-/// Touches every byte that a frame offers, as a user would.
+/// Reads every byte of a frame, as a user would.
 fn walk(message: &[u8]) -> Option<usize> {
     let frame = Frame::decode(message).ok()?;
     Some(frame.rows().map(<[u8]>::len).sum())
@@ -122,12 +122,12 @@ fn walk(message: &[u8]) -> Option<usize> {
 
 proptest! {
     #[test]
-    fn an_imu_sample_survives_the_journey(imu in imu()) {
+    fn an_imu_sample_survives_a_round_trip(imu in imu()) {
         prop_assert_eq!(Imu::decode(&imu.encode()), Ok(imu));
     }
 
     #[test]
-    fn detections_survive_the_journey(tags in tags()) {
+    fn detections_survive_a_round_trip(tags in tags()) {
         prop_assert_eq!(TagDetections::decode(&tags.encode()), Ok(tags));
     }
 
@@ -139,10 +139,16 @@ proptest! {
     }
 
     #[test]
-    fn a_small_frame_survives_the_journey(width in 1..40u32, height in 1..40u32, gap in 0..9u32, seed in any::<u8>()) {
+    fn a_small_frame_survives_a_round_trip(
+        (width, height) in (1..40u32, 1..40u32),
+        gap in 0..9u32,
+        seed in any::<u8>(),
+    ) {
         let stride = width + gap;
-        let header = FrameHeader { stride, data_size: stride * height, ..FrameHeader::grey(width, height, 5, 6) };
-        let pixels: Vec<u8> = (0..header.data_size).map(|i| (i as u8).wrapping_add(seed)).collect();
+        let data_size = stride * height;
+        let grey = FrameHeader::grey(width, height, 5, 6);
+        let header = FrameHeader { stride, data_size, ..grey };
+        let pixels: Vec<u8> = (0..data_size).map(|i| (i as u8).wrapping_add(seed)).collect();
         let message = [&header.encode()[..], &pixels].concat();
         let frame = Frame::decode(&message).unwrap();
         prop_assert_eq!(frame.header, header);
@@ -154,10 +160,11 @@ proptest! {
     }
 
     #[test]
-    fn any_header_is_refused_or_its_rows_are_there(header in header(), len in 0..3000usize) {
+    fn any_header_is_refused_or_has_all_its_rows(header in header(), len in 0..3000usize) {
         let message = [&header.encode()[..], &vec![7; len]].concat();
         if let Some(sum) = walk(&message) {
-            let expected = if header.fourcc == GREY { header.width as usize * header.height as usize } else { 0 };
+            let rows = if header.fourcc == GREY { header.height as usize } else { 0 };
+            let expected = header.width as usize * rows;
             prop_assert_eq!(sum, expected);
         }
     }
@@ -173,7 +180,11 @@ proptest! {
     }
 
     #[test]
-    fn a_message_with_bytes_changed_never_panics(tags in tags(), imu in imu(), changes in vec(any::<(u16, u8)>(), 1..8)) {
+    fn a_message_with_bytes_changed_never_panics(
+        tags in tags(),
+        imu in imu(),
+        changes in vec(any::<(u16, u8)>(), 1..8),
+    ) {
         for mut message in [tags.encode(), imu.encode()] {
             for (at, value) in &changes {
                 let at = *at as usize % message.len();
@@ -192,7 +203,9 @@ proptest! {
     }
 
     #[test]
-    fn wall_time_survives_as_a_stamp(unix_ns in -2_000_000_000_000_000_000..2_000_000_000_000_000_000i64) {
+    fn wall_time_survives_as_a_stamp(
+        unix_ns in -2_000_000_000_000_000_000..2_000_000_000_000_000_000i64,
+    ) {
         prop_assert_eq!(Stamp::from_unix_ns(unix_ns).unix_ns(), unix_ns);
     }
 }
@@ -238,7 +251,7 @@ fn a_string_that_is_not_utf8_is_refused() {
 }
 
 #[test]
-fn big_endian_cdr_is_refused_by_name() {
+fn the_error_for_big_endian_cdr_names_it() {
     let mut message = Imu::default().encode();
     message[1] = 0;
     assert_eq!(Imu::decode(&message), Err(CdrError::NotLittleEndianCdr));
@@ -277,7 +290,7 @@ fn with_source() -> TagDetections {
 }
 
 #[test]
-fn times_beyond_what_ros_can_say_become_the_nearest_that_it_can() {
+fn times_outside_the_range_of_ros_become_the_nearest_one_within_it() {
     assert_eq!(Stamp::from_unix_ns(i64::MAX).sec, i32::MAX);
     assert_eq!(Stamp::from_unix_ns(i64::MIN).sec, i32::MIN);
 }
@@ -312,7 +325,7 @@ fn a_frame_is_refused_with_the_cause() {
 }
 
 #[test]
-fn a_frame_of_another_version_is_refused_by_it() {
+fn the_error_for_another_version_names_it() {
     let mut message = FrameHeader::grey(1, 1, 0, 0).encode().to_vec();
     message[2] = 9;
     assert_eq!(Frame::decode(&message), Err(FrameError::UnknownVersion(9)));

@@ -1,4 +1,5 @@
-//! The encodings against the dumps of docs/wire-format.md, which were worked out by hand and not by the code that they test.
+//! Compares the encodings with the dumps of docs/wire-format.md, which were worked out by hand
+//! and not by the code under test.
 
 use ganglion_messages::frame::{Frame, FrameError, FrameHeader, GREY};
 use ganglion_messages::imu::Imu;
@@ -7,7 +8,7 @@ use ganglion_messages::tags::{FrameSource, TagDetection, TagDetections};
 
 const PAGE: &str = include_str!("../../../docs/wire-format.md");
 
-/// The bytes of the page's dump with this name.
+/// Returns the bytes of the dump with this name.
 fn vector(name: &str) -> Vec<u8> {
     let (_, rest) = PAGE.split_once(&format!("\n```hex {name}\n")).unwrap();
     let (dump, _) = rest.split_once("\n```").unwrap();
@@ -111,42 +112,42 @@ fn frame_header() -> FrameHeader {
 }
 
 #[test]
-fn an_imu_sample_is_written_as_the_vector_says() {
+fn an_imu_sample_is_written_as_in_the_vector() {
     assert_eq!(imu().encode(), vector("imu"));
 }
 
 #[test]
-fn an_imu_sample_is_read_as_the_vector_says() {
+fn an_imu_sample_is_read_as_in_the_vector() {
     let message = vector("imu");
     assert_eq!(Imu::decode(&message), Ok(imu()));
 }
 
 #[test]
-fn detections_are_written_as_the_vector_says() {
+fn detections_are_written_as_in_the_vector() {
     assert_eq!(tags().encode(), vector("tags"));
 }
 
 #[test]
-fn detections_are_read_as_the_vector_says() {
+fn detections_are_read_as_in_the_vector() {
     let message = vector("tags");
     assert_eq!(TagDetections::decode(&message), Ok(tags()));
 }
 
 #[test]
-fn a_frame_without_tags_is_written_and_read_as_the_vector_says() {
+fn a_frame_without_tags_is_written_and_read_as_in_the_vector() {
     let message = vector("tags_none");
     assert_eq!(no_tags().encode(), message);
     assert_eq!(TagDetections::decode(&message), Ok(no_tags()));
 }
 
 #[test]
-fn a_frame_header_is_written_as_the_vector_says() {
+fn a_frame_header_is_written_as_in_the_vector() {
     let expected = vector("frame_header");
     assert_eq!(frame_header().encode()[..], expected[..]);
 }
 
 #[test]
-fn a_frame_is_read_as_the_vector_says() {
+fn a_frame_is_read_as_in_the_vector() {
     let mut message = vector("frame_header");
     message.resize(44 + 704 * 480, 9);
     let frame = Frame::decode(&message).expect("a frame");
