@@ -1,4 +1,4 @@
-//! The guarded program, from its start to the end of its last descendant.
+//! The guard: runs the program from its start to the end of its last descendant.
 
 use std::io::{self, PipeReader, PipeWriter, Read};
 use std::os::fd::{AsFd, BorrowedFd};
@@ -15,54 +15,54 @@ use nix::sys::signalfd::{SfdFlags, SignalFd};
 use nix::unistd::{self, Pid, getppid};
 
 use crate::limiter::Limiter;
-use crate::lines::Cutter;
 use crate::options::Command;
-use crate::output::{Requests, Speech};
 use crate::process::{self, Change};
+use crate::protocol::{Protocol, RequestReader};
+use crate::splitter::LineSplitter;
 
-/// How long a supervisor that reads nothing may hold up the guard's end. Nothing else is left by
-/// then.
-const LAST_WORDS: Duration = Duration::from_secs(10);
+/// How long a supervisor that reads nothing may delay the guard's exit. All guarded processes
+/// have ended by then.
+const FLUSH_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// What a pipe with any room takes without waiting.
+/// The most bytes that a pipe with any room takes without blocking.
 const PIPE_BUF: usize = 4096;
 
-/// How much may be encoded ahead of what the supervisor has read.
+/// The most bytes encoded ahead of the supervisor's reads.
 const AHEAD: usize = 16 * 1024;
 
-/// Runs `command` to its end and gives its exit status as the guard's own.
+/// Runs `command` to its end and returns its exit status as the guard's own.
 pub fn run(command: &Command) -> io::Result<ExitCode> {
     prctl::set_name(c"process_guard")?;
     prctl::set_child_subreaper(true)?;
     let signals = process::block_signals()?;
     let signals = SignalFd::with_flags(&signals, SfdFlags::SFD_CLOEXEC | SfdFlags::SFD_NONBLOCK)?;
-    // SAFETY: a system call on a number alone. Giving way is always allowed; the program inherits
-    // it.
+    // SAFETY: a system call with a number alone. A higher nice value is always permitted; the
+    // program inherits it.
     unsafe { libc::nice(command.nice) };
-    let (printed, printer) = io::pipe()?;
-    let program = spawn(command, printer)?;
-    let mut guard = Guard::new(command, program, signals, printed);
+    let (output, output_writer) = io::pipe()?;
+    let program = spawn(command, output_writer)?;
+    let mut guard = Guard::new(command, program, signals, output);
     let status = guard.supervise()?;
     signal_group(program, Signal::SIGKILL);
     process::kill_children();
-    guard.tell_the_rest();
-    // A watch that is halted could not end.
+    guard.flush_output();
+    // A stopped watch could not exit.
     let _ = kill(getppid(), Signal::SIGCONT);
     Ok(ExitCode::from(process::shell_status(status)))
 }
 
-fn spawn(command: &Command, printer: PipeWriter) -> io::Result<Pid> {
+fn spawn(command: &Command, output: PipeWriter) -> io::Result<Pid> {
     let guard = Pid::this();
     let mut program = std::process::Command::new(&command.program);
     program
         .args(&command.arguments)
         .stdin(Stdio::null())
-        .stdout(printer.try_clone()?)
-        .stderr(printer)
+        .stdout(output.try_clone()?)
+        .stderr(output)
         .process_group(0);
     // SAFETY: the closure runs between fork and exec and makes only async-signal-safe system
     // calls.
-    unsafe { program.pre_exec(move || process::follow(guard, Signal::SIGKILL)) };
+    unsafe { program.pre_exec(move || process::die_with_parent(guard, Signal::SIGKILL)) };
     let child = program.spawn().map_err(|error| {
         io::Error::new(
             error.kind(),
@@ -78,36 +78,36 @@ struct Guard {
     grace: Duration,
     halt: Option<Duration>,
     stdin_open: bool,
-    requests: Requests,
-    printed: Option<PipeReader>,
-    cutter: Cutter,
+    requests: RequestReader,
+    output: Option<PipeReader>,
+    splitter: LineSplitter,
     limiter: Limiter,
-    speech: Speech,
+    protocol: Protocol,
     credits: u32,
     unsent: Vec<u8>,
     stop: bool,
-    parted: bool,
+    acknowledged: bool,
     kill_at: Option<Instant>,
     halted_until: Option<Instant>,
 }
 
 impl Guard {
-    fn new(command: &Command, program: Pid, signals: SignalFd, printed: PipeReader) -> Guard {
+    fn new(command: &Command, program: Pid, signals: SignalFd, output: PipeReader) -> Guard {
         Guard {
             program,
             signals,
             grace: command.grace,
             halt: command.halt,
             stdin_open: true,
-            requests: Requests::default(),
-            printed: Some(printed),
-            cutter: Cutter::default(),
+            requests: RequestReader::default(),
+            output: Some(output),
+            splitter: LineSplitter::default(),
             limiter: Limiter::new(command.lines_per_second, Instant::now()),
-            speech: command.speech,
-            credits: command.speech.credits(),
+            protocol: command.protocol,
+            credits: command.protocol.initial_credits(),
             unsent: Vec::new(),
             stop: false,
-            parted: command.speech == Speech::Plain,
+            acknowledged: command.protocol == Protocol::Lines,
             kill_at: None,
             halted_until: None,
         }
@@ -125,17 +125,17 @@ impl Guard {
         }
     }
 
-    /// Sleeps until something happened, and reads or writes what can be.
+    /// Waits for an event and performs the reads and writes that are ready.
     fn exchange(&mut self) -> io::Result<()> {
-        let [signal, asked, printed, room] = self.poll(self.deadline())?;
+        let [signal, request, output, room] = self.poll(self.deadline())?;
         if signal {
             self.read_signals()?;
         }
-        if asked {
+        if request {
             self.read_requests()?;
         }
-        if printed {
-            self.read_printed();
+        if output {
+            self.read_output();
         }
         if room {
             self.send();
@@ -143,15 +143,15 @@ impl Guard {
         Ok(())
     }
 
-    /// Which of signals, standard input, the program's output and standard output have something
-    /// to do.
+    /// Returns which of signals, standard input, the program's output and standard output are
+    /// ready.
     fn poll(&self, until: Option<Instant>) -> io::Result<[bool; 4]> {
         let (stdin, stdout) = (io::stdin(), io::stdout());
         let watched: [Option<(BorrowedFd, PollFlags)>; 4] = [
             Some((self.signals.as_fd(), PollFlags::POLLIN)),
             self.stdin_open
                 .then_some((stdin.as_fd(), PollFlags::POLLIN)),
-            self.printed
+            self.output
                 .as_ref()
                 .map(|pipe| (pipe.as_fd(), PollFlags::POLLIN)),
             (!self.unsent.is_empty()).then_some((stdout.as_fd(), PollFlags::POLLOUT)),
@@ -166,8 +166,8 @@ impl Guard {
             Err(Errno::EINTR) => return Ok([false; 4]),
             Err(error) => return Err(error.into()),
         }
-        let mut happened = fds.iter().map(|fd| fd.any().unwrap_or(false));
-        Ok(watched.map(|fd| fd.is_some() && happened.next().unwrap_or(false)))
+        let mut ready = fds.iter().map(|fd| fd.any().unwrap_or(false));
+        Ok(watched.map(|fd| fd.is_some() && ready.next().unwrap_or(false)))
     }
 
     fn deadline(&self) -> Option<Instant> {
@@ -190,13 +190,13 @@ impl Guard {
             Ok(0) => {
                 self.stdin_open = false;
                 self.stop = true;
-                self.parted = true;
+                self.acknowledged = true;
             }
             Ok(count) => {
-                let request = self.requests.read(self.speech, &bytes[..count]);
+                let request = self.requests.read(self.protocol, &bytes[..count]);
                 self.credits = self.credits.saturating_add(request.credits);
                 self.stop |= request.stop;
-                self.parted |= request.parted;
+                self.acknowledged |= request.acknowledged;
             }
             Err(Errno::EINTR | Errno::EAGAIN) => {}
             Err(error) => return Err(error),
@@ -204,28 +204,28 @@ impl Guard {
         Ok(())
     }
 
-    fn read_printed(&mut self) {
+    fn read_output(&mut self) {
         let mut bytes = [0; 64 * 1024];
         let now = Instant::now();
-        match self.printed.as_mut().map(|pipe| pipe.read(&mut bytes)) {
+        match self.output.as_mut().map(|pipe| pipe.read(&mut bytes)) {
             Some(Ok(count)) if count > 0 => {
                 let limiter = &mut self.limiter;
-                self.cutter
-                    .cut(&bytes[..count], |line| limiter.push(line, now));
+                self.splitter
+                    .split(&bytes[..count], |line| limiter.push(line, now));
             }
             Some(Err(error)) if error.kind() == io::ErrorKind::Interrupted => {}
-            _ => self.printed = None,
+            _ => self.output = None,
         }
     }
 
-    /// Makes the bytes of what may go to the supervisor now.
+    /// Encodes the items that may be sent to the supervisor now.
     fn encode(&mut self) {
         while self.credits > 0 && self.unsent.len() < AHEAD {
             let Some(item) = self.limiter.next() else {
                 return;
             };
-            self.unsent.extend(self.speech.item(&item));
-            if self.speech != Speech::Plain {
+            self.unsent.extend(self.protocol.encode(&item));
+            if self.protocol != Protocol::Lines {
                 self.credits -= 1;
             }
         }
@@ -236,7 +236,7 @@ impl Guard {
         match unistd::write(io::stdout().as_fd(), some) {
             Ok(count) => drop(self.unsent.drain(..count)),
             Err(Errno::EINTR | Errno::EAGAIN) => {}
-            // Nobody reads any more; the end of standard input says so too.
+            // The reader has closed the pipe; standard input closes too and ends the program.
             Err(_) => self.unsent.clear(),
         }
     }
@@ -267,42 +267,43 @@ impl Guard {
         }
         if self.halted_until.is_some_and(|until| now >= until) {
             self.halted_until = None;
-            self.unsent.extend(self.speech.halted());
+            self.unsent.extend(self.protocol.halted());
             signal_group(self.program, Signal::SIGKILL);
         }
     }
 
-    /// What was printed before the end and is still on its way. A supervisor that speaks frames
-    /// has to part, lest it speak to a pipe that has gone: a BEAM would take that for a failure,
-    /// and lose what it has not read.
-    fn tell_the_rest(&mut self) {
+    /// Sends the rest of the program's output. With frames, the guard then waits until the
+    /// supervisor acknowledges the end: a BEAM that writes to a closed pipe takes that for a
+    /// failure and loses the output that it has not read.
+    fn flush_output(&mut self) {
         while self
             .poll(Some(Instant::now()))
-            .is_ok_and(|[_, _, printed, _]| printed)
+            .is_ok_and(|[_, _, output, _]| output)
         {
-            self.read_printed();
+            self.read_output();
         }
-        self.printed = None;
-        if let Some(line) = self.cutter.finish() {
+        self.output = None;
+        if let Some(line) = self.splitter.finish() {
             self.limiter.push(line, Instant::now());
         }
         self.limiter.finish();
         while let Some(item) = self.limiter.next() {
-            self.unsent.extend(self.speech.item(&item));
+            self.unsent.extend(self.protocol.encode(&item));
         }
-        self.unsent.extend(self.speech.end());
-        self.part(Instant::now() + LAST_WORDS);
+        self.unsent.extend(self.protocol.end());
+        self.await_acknowledgement(Instant::now() + FLUSH_TIMEOUT);
     }
 
-    fn part(&mut self, until: Instant) {
-        while !(self.unsent.is_empty() && self.parted) && Instant::now() < until {
-            let Ok([signal, asked, _, room]) = self.poll(Some(until)) else {
+    fn await_acknowledgement(&mut self, until: Instant) {
+        while !(self.unsent.is_empty() && self.acknowledged) && Instant::now() < until {
+            let Ok([signal, request, _, room]) = self.poll(Some(until)) else {
                 return;
             };
             if room {
                 self.send();
             }
-            if (signal && self.read_signals().is_err()) || (asked && self.read_requests().is_err())
+            if (signal && self.read_signals().is_err())
+                || (request && self.read_requests().is_err())
             {
                 return;
             }
@@ -323,7 +324,7 @@ fn timeout_until(deadline: Option<Instant>) -> PollTimeout {
     PollTimeout::try_from(left).unwrap_or(PollTimeout::MAX)
 }
 
-/// A group that is gone already is what was wanted.
+/// Sends `signal` to the program's process group. A group that has ended already is fine.
 fn signal_group(program: Pid, signal: Signal) {
     let _ = killpg(program, signal);
 }

@@ -1,35 +1,35 @@
-//! Runs one program for a supervisor that reads its output through a pipe, and lets nothing of it
-//! outlive that supervisor.
+//! Runs one program under a supervisor that reads its output through a pipe, and leaves nothing
+//! of the program running when the supervisor ends.
 //!
 //! ```text
 //! process_guard [--grace-ms N] [--halt-ms N] [--nice N] [--lines-per-second N] [--frames N]
 //!               [--] PROGRAM [ARGUMENT…]
 //! ```
 //!
-//! The program gets an empty standard input. The guard ends it (SIGTERM to its process group,
-//! SIGKILL after the grace) as soon as the guard's standard input reaches its end or asks for it,
-//! or the guard receives SIGTERM, SIGINT or SIGHUP. The end of standard input is how the death of
-//! the supervisor shows, also by SIGKILL: the kernel closes the pipe. A program that a signal has
-//! halted (SIGSTOP) is killed when it has not gone on in time.
+//! The program gets an empty standard input. The guard ends the program (SIGTERM to its process
+//! group, SIGKILL after the grace period) when the guard's standard input closes or requests the
+//! end, or when the guard receives SIGTERM, SIGINT or SIGHUP. Standard input closes when the
+//! supervisor dies, even by SIGKILL, because the kernel closes the pipe. With `--halt-ms`, the
+//! guard kills a program that a signal has stopped (SIGSTOP) for longer than that time.
 //!
-//! Descendants that left the program's process group are adopted by the guard and killed when the
-//! program has ended. The guard itself has a watch (`watch.rs`), which does that when the guard
-//! is killed.
+//! The guard adopts descendants that left the program's process group and kills them when the
+//! program has ended. A second process, the watch (`watch.rs`), does so when the guard itself is
+//! killed.
 //!
-//! What the program prints, on standard output and error, is read by the guard, cut into lines
-//! (`lines.rs`), held to a rate (`limiter.rs`) and given on by standard output, as lines or as
-//! frames (`output.rs`). Its pipe is never full for long, whatever the supervisor does, and the
+//! The guard reads the program's standard output and error, splits it into lines (`splitter.rs`),
+//! limits their rate (`limiter.rs`) and writes them to its standard output, as lines or as frames
+//! (`protocol.rs`). The program's pipe never stays full, whatever the supervisor does, and the
 //! supervisor gets no more than it takes.
 //!
 //! Exit status: the program's own; 128 + the signal that ended it; 127 when it cannot be started;
-//! 2 for wrong options.
+//! 2 for a usage error.
 
 mod guard;
 mod limiter;
-mod lines;
 mod options;
-mod output;
 mod process;
+mod protocol;
+mod splitter;
 mod watch;
 
 use std::ffi::OsString;
@@ -38,7 +38,7 @@ use std::process::ExitCode;
 
 use limiter::Item;
 use options::{Command, Request};
-use output::Speech;
+use protocol::Protocol;
 
 fn main() -> ExitCode {
     let mut arguments: Vec<OsString> = std::env::args_os().skip(1).collect();
@@ -58,7 +58,7 @@ fn main() -> ExitCode {
             ExitCode::SUCCESS
         }
         Ok(Request::Run(command)) => run(&command, &arguments, watched),
-        Err(error) => fail(Speech::Plain, &error, 2),
+        Err(error) => fail(Protocol::Lines, &error, 2),
     }
 }
 
@@ -68,15 +68,15 @@ fn run(command: &Command, arguments: &[OsString], watched: bool) -> ExitCode {
     } else {
         watch::run(arguments)
     };
-    result.unwrap_or_else(|error| fail(command.speech, &error.to_string(), 127))
+    result.unwrap_or_else(|error| fail(command.protocol, &error.to_string(), 127))
 }
 
-fn fail(speech: Speech, message: &str, status: u8) -> ExitCode {
+fn fail(protocol: Protocol, message: &str, status: u8) -> ExitCode {
     let message = format!("process_guard: {message}");
-    if speech == Speech::Plain {
+    if protocol == Protocol::Lines {
         eprintln!("{message}");
     } else {
-        let line = speech.item(&Item::Line(message.into_bytes()));
+        let line = protocol.encode(&Item::Line(message.into_bytes()));
         let _ = io::stdout().write_all(&line);
     }
     ExitCode::from(status)

@@ -3,23 +3,26 @@
 use std::ffi::OsString;
 use std::time::Duration;
 
-use crate::output::Speech;
+use crate::protocol::Protocol;
 use program::nearest::hint;
 
 pub const HELP: &str = "\
-Run a program that cannot outlive its supervisor.
+Run a program and end it, with everything it started, when the supervisor ends.
 
 usage: process_guard [OPTION N]... [--] PROGRAM [ARGUMENT...]
 
   --grace-ms N          time between SIGTERM and SIGKILL, 0 to 60000 (default 500)
-  --halt-ms N           kill it when a signal halts it for so long, 0 to 3600000 (default: never)
-  --nice N              how much the program gives way to others, 0 to 19 (default 0)
-  --lines-per-second N  lines of its output that go on, ten times as many at once, 1 to 100000
-                        (default 100)
-  --frames N            speak frames, at most N of them ahead of the supervisor, 1 to 1024
-  -h, --help            this text
-  -V, --version         the version
+  --halt-ms N           kill a program that a signal stops for so long, 0 to 3600000
+                        (default: never)
+  --nice N              nice value of the program, 0 to 19 (default 0)
+  --lines-per-second N  rate limit of the program's output, with bursts of ten times as many
+                        lines, 1 to 100000 (default 100)
+  --frames N            write frames, at most N of them ahead of the supervisor, 1 to 1024
+  -h, --help            print this help
+  -V, --version         print the version
 ";
+
+const USAGE: &str = "usage: process_guard [OPTION N]... [--] PROGRAM [ARGUMENT...]";
 
 const KNOWN: &[&str] = &[
     "--grace-ms",
@@ -34,7 +37,7 @@ const KNOWN: &[&str] = &[
 const DEFAULT_GRACE: Duration = Duration::from_millis(500);
 const DEFAULT_LINES_PER_SECOND: u32 = 100;
 
-/// The program to run, how long it may take to end, and how much it may say.
+/// The program to run, the time that it has to end, and the limits of its output.
 #[derive(Debug, PartialEq)]
 pub struct Command {
     pub program: OsString,
@@ -43,10 +46,10 @@ pub struct Command {
     pub halt: Option<Duration>,
     pub nice: i32,
     pub lines_per_second: u32,
-    pub speech: Speech,
+    pub protocol: Protocol,
 }
 
-/// What the command line asks for.
+/// The action that the command line requests.
 #[derive(Debug, PartialEq)]
 pub enum Request {
     Help,
@@ -63,7 +66,7 @@ pub fn parse(arguments: impl Iterator<Item = OsString>) -> Result<Request, Strin
         halt: None,
         nice: 0,
         lines_per_second: DEFAULT_LINES_PER_SECOND,
-        speech: Speech::Plain,
+        protocol: Protocol::Lines,
     };
     while let Some(option) = arguments.next_if(is_option) {
         match option.to_str() {
@@ -71,17 +74,18 @@ pub fn parse(arguments: impl Iterator<Item = OsString>) -> Result<Request, Strin
             Some("--version" | "-V") => return Ok(Request::Version),
             Some("--") => break,
             Some(name) => set(&mut command, name, &mut arguments)?,
-            None => return Err(unknown(&option.to_string_lossy())),
+            None => return Err(unknown_option(&option.to_string_lossy())),
         }
     }
     command.program = arguments
         .next()
-        .ok_or("no program given; usage: process_guard [OPTION N]... [--] PROGRAM [ARGUMENT...]")?;
+        .ok_or_else(|| format!("PROGRAM is missing; {USAGE}"))?;
     command.arguments = arguments.collect();
     Ok(Request::Run(command))
 }
 
-/// Other letters with one dash may begin a program's name.
+/// Returns whether `argument` is an option. Any other argument with a single dash may be a
+/// program's name.
 fn is_option(argument: &OsString) -> bool {
     let text = argument.to_string_lossy();
     text.starts_with("--") || text == "-h" || text == "-V"
@@ -99,34 +103,35 @@ fn set(
         "--nice" => command.nice = number(0, 19)?.cast_signed(),
         "--lines-per-second" => command.lines_per_second = number(1, 100_000)?,
         "--frames" => {
-            command.speech = Speech::Frames {
+            command.protocol = Protocol::Frames {
                 window: number(1, 1024)?,
             }
         }
-        _ => return Err(unknown(option)),
+        _ => return Err(unknown_option(option)),
     }
     Ok(())
 }
 
-fn unknown(option: &str) -> String {
+fn unknown_option(option: &str) -> String {
     format!(
-        "unknown option {option}{} accepted: --grace-ms N, --halt-ms N, --nice N, \
+        "unknown option {option}{} expected one of: --grace-ms N, --halt-ms N, --nice N, \
          --lines-per-second N, --frames N, --help, --version",
         hint(option, KNOWN.iter().copied())
     )
 }
 
 fn number(option: &str, least: u32, most: u32, value: Option<OsString>) -> Result<u32, String> {
-    let text = value.ok_or_else(|| format!("{option} needs a number"))?;
+    let invalid = |got: &str| {
+        format!(
+            "invalid value for {option} option: \
+             expected a whole number from {least} to {most}, got: {got}"
+        )
+    };
+    let text = value.ok_or_else(|| invalid("no value"))?;
     text.to_str()
         .and_then(|text| text.parse().ok())
         .filter(|number| (least..=most).contains(number))
-        .ok_or_else(|| {
-            format!(
-                "{option} takes a whole number from {least} to {most}, got {}",
-                text.display()
-            )
-        })
+        .ok_or_else(|| invalid(&format!("{text:?}")))
 }
 
 #[cfg(test)]
@@ -155,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn help_and_version_have_a_letter_each() {
+    fn help_and_version_have_a_short_form_each() {
         for help in ["-h", "--help"] {
             assert_eq!(parse_all(&[help]), Ok(Request::Help));
         }
@@ -165,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_option_is_named() {
+    fn the_error_for_a_wrong_option_names_it() {
         let slip = parse_all(&["--gracems", "1", "echo"]).unwrap_err();
         assert!(
             slip.contains("--gracems; did you mean --grace-ms?"),
@@ -179,23 +184,23 @@ mod tests {
         assert!(
             parse_all(&["--grace-ms", "soon", "echo"])
                 .unwrap_err()
-                .contains("got soon")
+                .contains("got: \"soon\"")
         );
         assert!(
             parse_all(&["--nice", "20", "echo"])
                 .unwrap_err()
-                .contains("0 to 19, got 20")
+                .contains("0 to 19, got: \"20\"")
         );
         assert!(
             parse_all(&["--lines-per-second", "0", "echo"])
                 .unwrap_err()
-                .contains("1 to 100000, got 0")
+                .contains("1 to 100000, got: \"0\"")
         );
         assert!(
             parse_all(&["--frames"])
                 .unwrap_err()
-                .contains("needs a number")
+                .contains("got: no value")
         );
-        assert!(parse_all(&[]).unwrap_err().contains("no program given"));
+        assert!(parse_all(&[]).unwrap_err().contains("PROGRAM is missing"));
     }
 }

@@ -1,4 +1,4 @@
-//! What the guard and its watch ask of the operating system about processes.
+//! Operations on processes that the guard and its watch share.
 
 use std::io;
 use std::os::unix::process::ExitStatusExt;
@@ -11,12 +11,12 @@ use nix::sys::signal::{SigSet, Signal, kill};
 use nix::sys::wait::{WaitPidFlag, WaitStatus, waitpid};
 use nix::unistd::{Pid, getppid};
 
-/// How often to look whether the last adopted descendant is gone.
+/// The pause between checks for remaining adopted descendants.
 const REAP_PERIOD: Duration = Duration::from_millis(2);
 
-/// In a new process, before it becomes a program: it is to get `signal` when its parent dies,
-/// which may have happened already, and to have signals again.
-pub fn follow(parent: Pid, signal: Signal) -> io::Result<()> {
+/// Prepares a forked process before it executes a program: the kernel sends it `signal` when its
+/// parent dies, and its signal mask is empty again. Fails when the parent has died already.
+pub fn die_with_parent(parent: Pid, signal: Signal) -> io::Result<()> {
     prctl::set_pdeathsig(signal)?;
     SigSet::empty().thread_set_mask()?;
     if getppid() == parent {
@@ -26,7 +26,7 @@ pub fn follow(parent: Pid, signal: Signal) -> io::Result<()> {
     }
 }
 
-/// Blocks the signals that a guard waits for: a child's changes, and the requests to end.
+/// Blocks the signals that a guard waits for: SIGCHLD and the requests to end.
 pub fn block_signals() -> nix::Result<SigSet> {
     let mut set = SigSet::empty();
     for signal in [
@@ -41,15 +41,14 @@ pub fn block_signals() -> nix::Result<SigSet> {
     Ok(set)
 }
 
-/// What became of a child.
+/// A change of a child's state.
 pub enum Change {
     Ended(ExitStatus),
     Halted,
     Continued,
 }
 
-/// The next change of `child`, if there is one; other children that have ended are collected on
-/// the way.
+/// Returns the next change of `child`, or `None`. Reaps other children that have ended.
 pub fn next_change(child: Pid) -> nix::Result<Option<Change>> {
     let flags = WaitPidFlag::WNOHANG | WaitPidFlag::WUNTRACED | WaitPidFlag::WCONTINUED;
     loop {
@@ -70,7 +69,7 @@ pub fn next_change(child: Pid) -> nix::Result<Option<Change>> {
     }
 }
 
-/// Kills whatever this process has adopted, until nobody is left.
+/// Kills all children of this process, adopted ones too, until none is left.
 pub fn kill_children() {
     while waitpid(None, Some(WaitPidFlag::WNOHANG)) != Err(Errno::ECHILD) {
         for child in children_of(Pid::this()) {
@@ -80,8 +79,8 @@ pub fn kill_children() {
     }
 }
 
-/// Read from every process's own entry: the kernel's list of children is an option that boards
-/// may lack.
+/// Reads each process's own entry, because boards may lack the kernel's list of children, which
+/// is a build option.
 fn children_of(parent: Pid) -> Vec<Pid> {
     let Ok(entries) = std::fs::read_dir("/proc") else {
         return Vec::new();
@@ -93,7 +92,7 @@ fn children_of(parent: Pid) -> Vec<Pid> {
         .collect()
 }
 
-/// The second field after the command's name, which stands in parentheses and may hold any
+/// Reads the second field after the command's name, which is in parentheses and may contain any
 /// character.
 fn parent_of(pid: Pid) -> Option<Pid> {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
@@ -106,7 +105,7 @@ fn parent_of(pid: Pid) -> Option<Pid> {
         .map(Pid::from_raw)
 }
 
-/// The status as a shell tells it: 128 + the signal that ended it.
+/// Converts a status as a shell does: the exit code, or 128 + the signal that ended the process.
 pub fn shell_status(status: ExitStatus) -> u8 {
     let code = status
         .code()

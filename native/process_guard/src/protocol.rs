@@ -1,63 +1,64 @@
-//! The two ways in which the guard speaks: plain lines for people, frames for a supervisor. Pure.
+//! The guard's two protocols: plain lines for people, frames for a supervisor. Pure.
 //!
-//! A frame is its length in two bytes, the higher first, then a letter that says what it is, then
-//! the rest:
+//! A frame is its length in two bytes, big-endian, then a letter for its kind, then its content:
 //!
-//! | frame | from | |
+//! | frame | from | meaning |
 //! |---|---|---|
 //! | `l` text | guard | a line that the program printed |
-//! | `o` number | guard | so many lines were left out here; the number in decimal digits |
-//! | `h` | guard | the program was halted by a signal for too long, and is ended |
-//! | `e` | guard | that was all; nothing of the program is left |
-//! | `c` number | supervisor | it has taken so many of the frames `l` and `o`; the number in two bytes |
-//! | `s` | supervisor | end the program |
-//! | `e` | supervisor | it has read to the guard's `e`, and says nothing more: the guard may go |
+//! | `o` number | guard | the number of lines omitted here, in decimal digits |
+//! | `h` | guard | a signal stopped the program for too long; the guard kills it |
+//! | `e` | guard | the end of the output; no guarded process is left |
+//! | `c` number | supervisor | the number of `l` and `o` frames that it has taken, in two bytes |
+//! | `s` | supervisor | a request to end the program |
+//! | `e` | supervisor | acknowledges the guard's `e`; the guard may exit |
 
 use crate::limiter::Item;
-use crate::lines;
+use crate::splitter;
 
-/// How the guard speaks.
+const HALTED: &[u8] = b"process_guard: program stopped by a signal for too long\n";
+
+/// How the guard writes its output.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Speech {
-    Plain,
-    /// The supervisor wants at most so many frames `l` and `o` that it has not taken yet.
+pub enum Protocol {
+    Lines,
+    /// At most `window` frames `l` and `o` may be on their way to the supervisor.
     Frames {
         window: u32,
     },
 }
 
-impl Speech {
-    /// How many items may go out at first.
-    pub fn credits(self) -> u32 {
+impl Protocol {
+    /// Returns how many items the guard may send at first.
+    pub fn initial_credits(self) -> u32 {
         match self {
-            Speech::Plain => u32::MAX,
-            Speech::Frames { window } => window,
+            Protocol::Lines => u32::MAX,
+            Protocol::Frames { window } => window,
         }
     }
 
-    pub fn item(self, item: &Item) -> Vec<u8> {
+    pub fn encode(self, item: &Item) -> Vec<u8> {
         match (self, item) {
-            (Speech::Plain, Item::Line(line)) => [line, b"\n".as_slice()].concat(),
-            (Speech::Plain, Item::LeftOut(count)) => {
-                format!("process_guard: {count} lines were left out\n").into_bytes()
+            (Protocol::Lines, Item::Line(line)) => [line, b"\n".as_slice()].concat(),
+            (Protocol::Lines, Item::Omitted(count)) => {
+                format!("process_guard: {count} lines omitted\n").into_bytes()
             }
-            (Speech::Frames { .. }, Item::Line(line)) => frame(b'l', &lines::text(line)),
-            (Speech::Frames { .. }, Item::LeftOut(count)) => frame(b'o', &count.to_string()),
+            (Protocol::Frames { .. }, Item::Line(line)) => frame(b'l', &splitter::text(line)),
+            (Protocol::Frames { .. }, Item::Omitted(count)) => frame(b'o', &count.to_string()),
         }
     }
-
-    /// What comes last.
+    /// Encodes the end of the output.
     pub fn end(self) -> Vec<u8> {
         match self {
-            Speech::Plain => Vec::new(),
-            Speech::Frames { .. } => frame(b'e', ""),
+            Protocol::Lines => Vec::new(),
+            Protocol::Frames { .. } => frame(b'e', ""),
         }
     }
 
+    /// Encodes the notice that a signal stopped the program for too long.
     pub fn halted(self) -> Vec<u8> {
         match self {
-            Speech::Plain => b"process_guard: the program was halted for too long\n".to_vec(),
-            Speech::Frames { .. } => frame(b'h', ""),
+            Protocol::Lines => HALTED.to_vec(),
+            Protocol::Frames { .. } => frame(b'h', ""),
         }
     }
 }
@@ -70,28 +71,28 @@ fn frame(letter: u8, rest: &str) -> Vec<u8> {
     frame
 }
 
-/// What a supervisor says, read from standard input.
+/// Reads the supervisor's frames from standard input.
 #[derive(Debug, Default)]
-pub struct Requests {
+pub struct RequestReader {
     unread: Vec<u8>,
 }
 
-/// What came of the bytes read.
+/// The sum of the frames in the bytes read.
 #[derive(Debug, PartialEq)]
 pub struct Request {
     pub credits: u32,
     pub stop: bool,
-    pub parted: bool,
+    pub acknowledged: bool,
 }
 
-impl Requests {
-    /// Takes what was read. To the plain guard any byte is the request to stop.
-    pub fn read(&mut self, speech: Speech, bytes: &[u8]) -> Request {
-        let plain = speech == Speech::Plain;
+impl RequestReader {
+    /// Accepts bytes that were read. With plain lines, any byte is a request to stop.
+    pub fn read(&mut self, protocol: Protocol, bytes: &[u8]) -> Request {
+        let plain = protocol == Protocol::Lines;
         let mut request = Request {
             credits: 0,
             stop: plain && !bytes.is_empty(),
-            parted: false,
+            acknowledged: false,
         };
         if !plain {
             self.unread.extend_from_slice(bytes);
@@ -100,7 +101,7 @@ impl Requests {
                     [b'c', high, low] => {
                         request.credits += u32::from(u16::from_be_bytes([high, low]));
                     }
-                    [b'e'] => request.parted = true,
+                    [b'e'] => request.acknowledged = true,
                     _ => request.stop = true,
                 }
             }
@@ -122,40 +123,40 @@ impl Requests {
 mod tests {
     use super::*;
 
-    const FRAMES: Speech = Speech::Frames { window: 2 };
+    const FRAMES: Protocol = Protocol::Frames { window: 2 };
 
     #[test]
-    fn a_line_is_a_frame_with_its_length() {
+    fn a_frame_starts_with_its_length() {
         let line = Item::Line(b"ab\xFF".to_vec());
-        assert_eq!(FRAMES.item(&line), b"\0\x04lab?");
-        assert_eq!(FRAMES.item(&Item::LeftOut(12)), b"\0\x03o12");
+        assert_eq!(FRAMES.encode(&line), b"\0\x04lab?");
+        assert_eq!(FRAMES.encode(&Item::Omitted(12)), b"\0\x03o12");
         assert_eq!(FRAMES.halted(), b"\0\x01h");
-        assert_eq!(Speech::Plain.item(&line), b"ab\xFF\n");
+        assert_eq!(Protocol::Lines.encode(&line), b"ab\xFF\n");
     }
 
     #[test]
-    fn requests_are_understood_however_their_bytes_come() {
-        let said = b"\0\x03c\0\x02\0\x03c\x01\0\0\x01s\0\x01e";
+    fn requests_are_read_wherever_the_reads_are_cut() {
+        let bytes = b"\0\x03c\0\x02\0\x03c\x01\0\0\x01s\0\x01e";
         let expected = Request {
             credits: 258,
             stop: true,
-            parted: true,
+            acknowledged: true,
         };
-        assert_eq!(Requests::default().read(FRAMES, said), expected);
-        let mut requests = Requests::default();
+        assert_eq!(RequestReader::default().read(FRAMES, bytes), expected);
+        let mut requests = RequestReader::default();
         let mut sum = requests.read(FRAMES, b"");
-        for byte in said {
+        for byte in bytes {
             let request = requests.read(FRAMES, &[*byte]);
             sum.credits += request.credits;
             sum.stop |= request.stop;
-            sum.parted |= request.parted;
+            sum.acknowledged |= request.acknowledged;
         }
         assert_eq!(sum, expected);
     }
 
     #[test]
-    fn to_the_plain_guard_any_byte_is_the_request_to_stop() {
-        let request = Requests::default().read(Speech::Plain, b"\n");
-        assert!(request.stop && request.credits == 0 && !request.parted);
+    fn with_plain_lines_any_byte_is_a_request_to_stop() {
+        let request = RequestReader::default().read(Protocol::Lines, b"\n");
+        assert!(request.stop && request.credits == 0 && !request.acknowledged);
     }
 }

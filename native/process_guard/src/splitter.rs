@@ -1,19 +1,19 @@
-//! What a program prints, cut into lines of bounded length. Pure.
+//! Splits a program's output into lines of bounded length. Pure.
 
-/// The most bytes of a line; a longer one is cut.
+/// The most bytes of a line. A longer line is split.
 pub const LONGEST: usize = 4096;
 
-/// Makes lines of bytes as they come. `\n`, `\r` and `\r\n` end a line, so that each state of a
-/// progress bar is one.
+/// Splits a byte stream into lines. `\n`, `\r` and `\r\n` end a line, so that each state of a
+/// progress bar is a line of its own.
 #[derive(Default)]
-pub struct Cutter {
+pub struct LineSplitter {
     line: Vec<u8>,
     after_return: bool,
 }
 
-impl Cutter {
-    /// Takes what was printed next and gives each line that it completes to `take`.
-    pub fn cut(&mut self, mut bytes: &[u8], mut take: impl FnMut(Vec<u8>)) {
+impl LineSplitter {
+    /// Accepts the next bytes and passes each line that they complete to `take`.
+    pub fn split(&mut self, mut bytes: &[u8], mut take: impl FnMut(Vec<u8>)) {
         while let Some(&first) = bytes.first() {
             if self.after_return && first == b'\n' {
                 self.after_return = false;
@@ -31,7 +31,7 @@ impl Cutter {
         }
     }
 
-    /// What is left of a line that was not ended.
+    /// Returns the last line if no line end followed it.
     pub fn finish(&mut self) -> Option<Vec<u8>> {
         let line = std::mem::take(&mut self.line);
         (!line.is_empty()).then_some(line)
@@ -49,7 +49,7 @@ impl Cutter {
         self.line.extend_from_slice(text);
     }
 
-    // A progress bar may begin with its carriage return, which then ends nothing.
+    // A progress bar may begin with its carriage return, which then ends no line.
     fn end_line(&mut self, end: u8, take: &mut impl FnMut(Vec<u8>)) {
         if end == b'\n' || !self.line.is_empty() {
             self.after_return = end == b'\r';
@@ -58,7 +58,8 @@ impl Cutter {
     }
 }
 
-/// How many bytes of `line` are whole characters of UTF-8; all of them where it is no text.
+/// Returns how many bytes of `line` are whole UTF-8 characters; all of them if `line` is not
+/// text.
 fn whole_characters(line: &[u8]) -> usize {
     for back in 1..=line.len().min(3) {
         let byte = line[line.len() - back];
@@ -71,7 +72,7 @@ fn whole_characters(line: &[u8]) -> usize {
     line.len()
 }
 
-/// `line` with `?` for each sequence of bytes that is no UTF-8: never longer than it was.
+/// Decodes `line` with `?` for each invalid sequence. The result is never longer than `line`.
 pub fn text(line: &[u8]) -> String {
     let mut text = String::with_capacity(line.len());
     for chunk in line.utf8_chunks() {
@@ -87,28 +88,28 @@ pub fn text(line: &[u8]) -> String {
 mod tests {
     use super::*;
 
-    fn cut(parts: &[&[u8]]) -> Vec<Vec<u8>> {
-        let mut cutter = Cutter::default();
+    fn split(parts: &[&[u8]]) -> Vec<Vec<u8>> {
+        let mut splitter = LineSplitter::default();
         let mut lines = Vec::new();
         for part in parts {
-            cutter.cut(part, |line| lines.push(line));
+            splitter.split(part, |line| lines.push(line));
         }
-        lines.extend(cutter.finish());
+        lines.extend(splitter.finish());
         lines
     }
 
-    fn words(parts: &[&str]) -> Vec<String> {
+    fn split_text(parts: &[&str]) -> Vec<String> {
         let bytes: Vec<&[u8]> = parts.iter().map(|part| part.as_bytes()).collect();
-        cut(&bytes).iter().map(|line| text(line)).collect()
+        split(&bytes).iter().map(|line| text(line)).collect()
     }
 
     #[test]
-    fn each_end_of_a_line_counts_once_however_the_bytes_come() {
+    fn each_line_end_counts_once_wherever_the_reads_are_cut() {
         let expected = ["a", "", "b", "c", "", "d"];
         let printed = "a\n\nb\rc\r\n\r\nd";
-        assert_eq!(words(&[printed]), expected);
+        assert_eq!(split_text(&[printed]), expected);
         let bytes: Vec<&[u8]> = printed.as_bytes().chunks(1).collect();
-        let lines = cut(&bytes);
+        let lines = split(&bytes);
         assert_eq!(
             lines.iter().map(|line| text(line)).collect::<Vec<_>>(),
             expected
@@ -116,29 +117,32 @@ mod tests {
     }
 
     #[test]
-    fn a_progress_bar_is_lines_wherever_its_returns_stand() {
-        assert_eq!(words(&["\r1 %\r2 %", "\r3 %\n"]), ["1 %", "2 %", "3 %"]);
-        assert_eq!(words(&["1 %\r", "2 %\r", "\n"]), ["1 %", "2 %"]);
+    fn each_state_of_a_progress_bar_is_a_line() {
+        assert_eq!(
+            split_text(&["\r1 %\r2 %", "\r3 %\n"]),
+            ["1 %", "2 %", "3 %"]
+        );
+        assert_eq!(split_text(&["1 %\r", "2 %\r", "\n"]), ["1 %", "2 %"]);
     }
 
     #[test]
-    fn a_line_of_the_greatest_length_stays_whole_and_a_longer_one_is_cut() {
+    fn a_line_of_the_maximum_length_stays_whole_and_a_longer_one_is_split() {
         let whole = vec![b'x'; LONGEST];
-        assert!(cut(&[&whole, b"\n"]) == vec![whole.clone()]);
-        assert!(cut(&[&whole, b"y\n"]) == vec![whole, vec![b'y']]);
+        assert!(split(&[&whole, b"\n"]) == vec![whole.clone()]);
+        assert!(split(&[&whole, b"y\n"]) == vec![whole, vec![b'y']]);
         let long = vec![b'x'; 3 * LONGEST + 7];
-        let lengths: Vec<usize> = cut(&[&long]).iter().map(Vec::len).collect();
+        let lengths: Vec<usize> = split(&[&long]).iter().map(Vec::len).collect();
         assert_eq!(lengths, [LONGEST, LONGEST, LONGEST, 7]);
     }
 
     #[test]
-    fn no_character_is_cut_through() {
+    fn no_character_is_split() {
         for character in ["ä", "€", "🤖"] {
             for before in 0..5 {
                 let printed = "x".repeat(before) + &character.repeat(LONGEST);
                 for part in [1, 1000, printed.len()] {
                     let parts: Vec<&[u8]> = printed.as_bytes().chunks(part).collect();
-                    let lines = cut(&parts);
+                    let lines = split(&parts);
                     assert!(lines.iter().all(|line| line.len() <= LONGEST));
                     assert!(lines.iter().all(|line| str::from_utf8(line).is_ok()));
                     assert_eq!(lines.concat(), printed.as_bytes());
@@ -148,9 +152,9 @@ mod tests {
     }
 
     #[test]
-    fn bytes_that_are_no_text_are_cut_and_shown_in_no_more_room() {
+    fn bytes_that_are_not_text_are_split_and_never_grow() {
         for byte in [0x80, 0xC3, 0xE2, 0xF0, 0xFF] {
-            let lines = cut(&[&vec![byte; 3 * LONGEST]]);
+            let lines = split(&[&vec![byte; 3 * LONGEST]]);
             assert_eq!(lines.concat().len(), 3 * LONGEST);
             assert!(lines.iter().all(|line| text(line).len() <= LONGEST));
         }

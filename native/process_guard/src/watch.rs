@@ -1,6 +1,6 @@
-//! The guard's own guard. When the guard is killed, the kernel kills the program with it, but not
-//! what the program has started and let go: that falls to the watch, which ends it. The watch
-//! keeps the supervisor's pipe open until then.
+//! The watch: the process that guards the guard. When the guard is killed, the kernel kills the
+//! program too, but not the program's descendants. The watch kills those, and keeps the
+//! supervisor's pipe open until then.
 
 use std::ffi::OsString;
 use std::io;
@@ -13,11 +13,11 @@ use nix::unistd::Pid;
 
 use crate::process::{self, Change};
 
-/// How the guard is told that it has a watch.
+/// The flag that marks a guard under a watch.
 pub const WATCHED: &str = "--watched";
 
-/// Runs the guard with these arguments and gives its exit status, when nothing is left that it
-/// guarded.
+/// Runs the guard with `arguments` and returns its exit status when none of the guarded processes
+/// is left.
 pub fn run(arguments: &[OsString]) -> io::Result<ExitCode> {
     prctl::set_name(c"process_watch")?;
     prctl::set_child_subreaper(true)?;
@@ -28,15 +28,15 @@ pub fn run(arguments: &[OsString]) -> io::Result<ExitCode> {
     Ok(ExitCode::from(process::shell_status(status)))
 }
 
-/// The guard has a name of its own, so that who ends processes by their name meets one of the
-/// two.
+/// Starts the guard under a process name of its own, so that killing processes by name hits only
+/// one of the two.
 fn spawn(arguments: &[OsString]) -> io::Result<Pid> {
     let watch = Pid::this();
     let mut guard = std::process::Command::new("/proc/self/exe");
     guard.arg0("process_guard").arg(WATCHED).args(arguments);
     // SAFETY: the closure runs between fork and exec and makes only async-signal-safe system
     // calls.
-    unsafe { guard.pre_exec(move || process::follow(watch, Signal::SIGTERM)) };
+    unsafe { guard.pre_exec(move || process::die_with_parent(watch, Signal::SIGTERM)) };
     Ok(Pid::from_raw(guard.spawn()?.id().cast_signed()))
 }
 
@@ -48,7 +48,7 @@ fn wait(guard: Pid, signals: &SigSet) -> nix::Result<ExitStatus> {
         while let Some(change) = process::next_change(guard)? {
             match change {
                 Change::Ended(status) => return Ok(status),
-                // A guard that is halted guards nothing.
+                // A stopped guard guards nothing.
                 Change::Halted => kill(guard, Signal::SIGKILL)?,
                 Change::Continued => {}
             }

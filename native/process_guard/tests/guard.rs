@@ -1,4 +1,4 @@
-//! Real processes: what is guarded ends when it should, and nothing of it is left.
+//! With real processes: a guarded program ends when it should, and nothing of it is left.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 const LIMIT: Duration = Duration::from_secs(60);
 
-/// Prints its guard's number, then its own, then that of what it lets go, which has left group,
-/// session and environment.
+/// Prints the process ids of its guard, of itself and of a descendant that left group, session
+/// and environment.
 const DAEMON: &str =
     "echo $PPID; echo $$; (env -i setsid sh -c 'echo $$; exec sleep 600' &); exec sleep 600";
 
@@ -20,8 +20,7 @@ fn guard(arguments: &[&str]) -> Command {
     command
 }
 
-/// Starts a shell script under the guard and gives the lines that it prints first: process
-/// numbers.
+/// Starts a shell script under the guard and returns the process ids that it prints first.
 fn start(script: &str, lines: usize) -> (Child, Vec<u32>) {
     start_with(&["--grace-ms", "100", "sh", "-c", script], lines)
 }
@@ -37,8 +36,8 @@ fn start_with(arguments: &[&str], lines: usize) -> (Child, Vec<u32>) {
     (child, pids)
 }
 
-/// The state letter of a process as the kernel gives it: R, S, T, Z, …; none when there is no
-/// such process.
+/// Returns the state letter of a process (R, S, T, Z, …), or `None` when there is no such
+/// process.
 fn state(pid: u32) -> Option<char> {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
     stat.rsplit_once(')')?.1.trim_start().chars().next()
@@ -63,7 +62,7 @@ fn signal(name: &str, pid: u32) {
     assert!(status.unwrap().success());
 }
 
-/// What the guard prints until the program ends, and its exit status.
+/// Returns what the guard prints until the program ends, and its exit status.
 fn output(arguments: &[&str]) -> (Vec<u8>, ExitStatus) {
     let mut child = guard(arguments).spawn().unwrap();
     let mut printed = Vec::new();
@@ -72,7 +71,7 @@ fn output(arguments: &[&str]) -> (Vec<u8>, ExitStatus) {
     (printed, wait_with_stdin(child))
 }
 
-/// Keeps standard input open meanwhile, which `Child::wait` would close.
+/// Waits with standard input open, which `Child::wait` would close.
 fn wait_with_stdin(mut child: Child) -> ExitStatus {
     let _stdin = child.stdin.take();
     child.wait().unwrap()
@@ -90,7 +89,7 @@ fn the_programs_exit_status_is_the_guards() {
 }
 
 #[test]
-fn a_signal_that_ends_the_program_is_told_as_a_shell_tells_it() {
+fn a_signal_that_ends_the_program_gives_the_status_of_a_shell() {
     let status = wait_with_stdin(guard(&["sh", "-c", "kill -9 $$"]).spawn().unwrap());
     assert_eq!(status.code(), Some(137));
 }
@@ -152,7 +151,7 @@ fn descendants_are_killed_when_the_program_ends_by_itself() {
 }
 
 #[test]
-fn the_death_of_the_guard_is_the_death_of_the_program() {
+fn killing_the_watch_or_the_guard_ends_the_program() {
     let (mut child, pids) = start("echo $$; exec sleep 600", 1);
     child.kill().unwrap();
     child.wait().unwrap();
@@ -160,7 +159,7 @@ fn the_death_of_the_guard_is_the_death_of_the_program() {
 }
 
 #[test]
-fn a_nice_program_gives_way_to_others() {
+fn the_nice_value_reaches_the_program() {
     let script = ["--nice", "7", "sh", "-c", "nice"];
     let mut child = guard(&script).spawn().unwrap();
     let mut line = String::new();
@@ -172,11 +171,11 @@ fn a_nice_program_gives_way_to_others() {
 }
 
 #[test]
-fn the_death_of_the_guard_proper_is_the_death_of_all_that_it_guards() {
+fn killing_the_guard_ends_everything_that_it_guards() {
     let (child, pids) = start(DAEMON, 3);
     signal("KILL", pids[0]);
     assert_eq!(wait_with_stdin(child).code(), Some(128 + 9));
-    // The watch has ended last.
+    // The watch ends last.
     assert!(
         pids.iter()
             .all(|pid| matches!(state(*pid), None | Some('Z')))
@@ -184,7 +183,7 @@ fn the_death_of_the_guard_proper_is_the_death_of_all_that_it_guards() {
 }
 
 #[test]
-fn the_death_of_the_watch_is_the_death_of_all_that_the_guard_guards() {
+fn killing_the_watch_ends_everything_that_the_guard_guards() {
     let (mut child, pids) = start(DAEMON, 3);
     child.kill().unwrap();
     child.wait().unwrap();
@@ -192,7 +191,7 @@ fn the_death_of_the_watch_is_the_death_of_all_that_the_guard_guards() {
 }
 
 #[test]
-fn a_guard_that_is_halted_is_killed_with_all_that_it_guards() {
+fn a_stopped_guard_is_killed_with_everything_that_it_guards() {
     let (child, pids) = start(DAEMON, 3);
     signal("STOP", pids[0]);
     assert_eq!(wait_with_stdin(child).code(), Some(128 + 9));
@@ -203,7 +202,7 @@ fn a_guard_that_is_halted_is_killed_with_all_that_it_guards() {
 }
 
 #[test]
-fn a_watch_that_is_halted_ends_nevertheless() {
+fn a_stopped_watch_ends_nevertheless() {
     let (mut child, pids) = start(DAEMON, 3);
     signal("STOP", child.id());
     assert_eq!(close_stdin(&mut child).code(), Some(128 + 15));
@@ -214,7 +213,7 @@ fn a_watch_that_is_halted_ends_nevertheless() {
 }
 
 #[test]
-fn a_program_that_is_halted_for_too_long_is_killed() {
+fn a_program_that_is_stopped_for_too_long_is_killed() {
     let script = "echo $$; kill -STOP $$";
     let mut child = guard(&["--halt-ms", "50", "sh", "-c", script])
         .spawn()
@@ -223,13 +222,16 @@ fn a_program_that_is_halted_for_too_long_is_killed() {
     let mut stdout = child.stdout.take().unwrap();
     stdout.read_to_string(&mut printed).unwrap();
     assert_eq!(wait_with_stdin(child).code(), Some(128 + 9));
-    let (pid, said) = printed.split_once('\n').unwrap();
-    assert!(said.contains("halted for too long"), "{said}");
+    let (pid, notice) = printed.split_once('\n').unwrap();
+    assert!(
+        notice.contains("stopped by a signal for too long"),
+        "{notice}"
+    );
     wait_until_gone(pid.parse().unwrap());
 }
 
 #[test]
-fn a_program_that_goes_on_in_time_goes_on() {
+fn a_program_that_is_continued_in_time_keeps_running() {
     let script = "echo $$; kill -STOP $$; echo on; exit 4";
     let mut child = guard(&["--halt-ms", "60000", "sh", "-c", script])
         .spawn()
@@ -243,7 +245,7 @@ fn a_program_that_goes_on_in_time_goes_on() {
 }
 
 #[test]
-fn output_and_errors_come_in_their_order_and_the_last_line_needs_no_end() {
+fn output_and_errors_arrive_in_order_and_the_last_line_needs_no_end() {
     let script = "echo 1; echo 2 >&2; echo 3; printf 4 >&2; exit 3";
     let (printed, status) = output(&["sh", "-c", script]);
     assert_eq!(String::from_utf8(printed).unwrap(), "1\n2\n3\n4\n");
@@ -251,7 +253,7 @@ fn output_and_errors_come_in_their_order_and_the_last_line_needs_no_end() {
 }
 
 #[test]
-fn output_without_an_end_of_line_is_cut() {
+fn output_without_a_line_end_is_split() {
     let script = "head -c 1000000 /dev/zero | tr '\\0' x";
     let (printed, _) = output(&["sh", "-c", script]);
     let lines: Vec<&[u8]> = printed
@@ -263,7 +265,7 @@ fn output_without_an_end_of_line_is_cut() {
 }
 
 #[test]
-fn of_a_storm_the_last_words_arrive_and_the_number_of_the_others() {
+fn a_flood_yields_its_last_lines_and_the_number_of_the_omitted_ones() {
     let script = "seq 300000; echo last words >&2; kill -SEGV $$";
     let (printed, status) = output(&["sh", "-c", script]);
     let printed = String::from_utf8(printed).unwrap();
@@ -272,13 +274,13 @@ fn of_a_storm_the_last_words_arrive_and_the_number_of_the_others() {
     assert_eq!(lines.first(), Some(&"1"));
     assert_eq!(lines.last(), Some(&"last words"));
     assert!(lines.len() < 30_000, "{} lines", lines.len());
-    let told = lines.iter().map(|line| {
-        let left_out = line
+    let accounted = lines.iter().map(|line| {
+        let omitted = line
             .strip_prefix("process_guard: ")
             .and_then(|line| line.split_once(' '));
-        left_out.map_or(1, |(count, _)| count.parse().unwrap())
+        omitted.map_or(1, |(count, _)| count.parse().unwrap())
     });
-    assert_eq!(told.sum::<u64>(), 300_001);
+    assert_eq!(accounted.sum::<u64>(), 300_001);
 }
 
 #[test]
@@ -294,7 +296,7 @@ fn a_supervisor_that_reads_nothing_does_not_block_the_program() {
 }
 
 #[test]
-fn no_more_frames_come_than_were_asked_for() {
+fn no_more_frames_arrive_than_the_supervisor_requested() {
     let mut child = guard(&["--frames", "3", "sh", "-c", "seq 10; exec sleep 600"])
         .spawn()
         .unwrap();
@@ -314,11 +316,11 @@ fn no_more_frames_come_than_were_asked_for() {
     assert_eq!(frames(3), ["l1", "l2", "l3"]);
     stdin.write_all(b"\0\x03c\0\x02").unwrap();
     assert_eq!(frames(2), ["l4", "l5"]);
-    // The rest comes at the end, asked for or not.
+    // At the end, the rest arrives without a request.
     stdin.write_all(b"\0\x01s").unwrap();
     assert_eq!(frames(6), ["l6", "l7", "l8", "l9", "l10", "e"]);
-    // A guard that goes before its supervisor parts would break the pipe that this one may write
-    // to.
+    // A guard that exits before the acknowledgement would break the pipe under the supervisor's
+    // writes.
     assert!(child.try_wait().unwrap().is_none());
     stdin.write_all(b"\0\x01e").unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(128 + 15));
