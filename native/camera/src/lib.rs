@@ -53,7 +53,7 @@ pub fn check(picture: &Picture) -> Result<(), Failure> {
 
 fn open(options: &Options, largest: usize) -> Result<Publisher, Failure> {
     let slot_size = u32::try_from(largest + FrameHeader::SIZE)
-        .map_err(|_| Failure::World(format!("a frame of {largest} bytes is too large")))?;
+        .map_err(|_| Failure::Runtime(format!("a frame of {largest} bytes is too large")))?;
     let options_of_ring = PublisherOptions {
         geometry: Geometry::depth(options.slots, slot_size).map_err(world)?,
         content: ContentTag::of(frame::ENCODING),
@@ -102,11 +102,11 @@ fn wait_until(deadline: Instant, publisher: &mut Publisher, stop: &Stop) -> bool
 
 fn with_trouble(error: PublishError, publisher: &Publisher) -> Failure {
     match publisher.trouble() {
-        Some(trouble) => Failure::World(format!("{error}: {trouble}")),
+        Some(trouble) => Failure::Runtime(format!("{error}: {trouble}")),
         None => world(error),
     }
 }
 
 fn world(error: impl std::error::Error) -> Failure {
-    Failure::World(error.to_string())
+    Failure::Runtime(error.to_string())
 }

@@ -19,6 +19,6 @@ fn main() -> ExitCode {
 
 fn run(options: &Options, log: Log) -> Result<(), Failure> {
     let stop = Stop::of_process(options.exit_with_stdin)
-        .map_err(|error| Failure::World(format!("signals cannot be received: {error}")))?;
+        .map_err(|error| Failure::Runtime(format!("signals cannot be received: {error}")))?;
     camera::run(options, &stop, log)
 }

@@ -32,7 +32,7 @@ impl Source {
             }),
             Picture::Photographs(folder) => photographs::read_folder(folder)
                 .map(Source::Photographs)
-                .map_err(|error| Failure::World(error.to_string())),
+                .map_err(|error| Failure::Runtime(error.to_string())),
         }
     }
 

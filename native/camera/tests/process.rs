@@ -6,7 +6,7 @@ mod process;
 use camera::scene::Scene;
 use conduit_ring::{ContentTag, Publisher, PublisherOptions, Topic, clock};
 use ganglion_messages::frame::{ENCODING, Frame, FrameHeader};
-use process::{Process, await_end, call, next_message, said_one_line, subscribe, unique_topic};
+use process::{Process, await_end, call, next_message, printed_one_line, subscribe, unique_topic};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::thread;
@@ -163,7 +163,7 @@ fn a_wrong_call_is_one_line_and_status_2() {
     ] {
         let ended = call(CAMERA, arguments);
         assert_eq!(ended.status, Some(2), "{arguments:?}");
-        assert!(said_one_line(&ended, "camera"), "{ended:?}");
+        assert!(printed_one_line(&ended, "camera"), "{ended:?}");
     }
 }
 
@@ -176,7 +176,7 @@ fn a_photograph_that_cannot_be_read_is_one_line_and_status_1_and_nothing_is_publ
     let mut subscriber = subscribe(&topic);
     let ended = start(&topic, &["--frames", folder.to_str().unwrap()]).end();
     assert_eq!(ended.status, Some(1));
-    assert!(said_one_line(&ended, "camera"), "{ended:?}");
+    assert!(printed_one_line(&ended, "camera"), "{ended:?}");
     assert!(ended.stderr.contains("broken.jpg"), "{ended:?}");
     let read = subscriber.try_read(&mut Vec::new()).unwrap();
     assert_eq!(read, conduit_ring::Read::Nothing);
@@ -192,7 +192,7 @@ fn a_check_needs_no_topic_and_says_the_same_of_photographs() {
     fs::write(folder.join("broken.jpg"), "no picture").unwrap();
     let ended = call(CAMERA, &check);
     assert_eq!(ended.status, Some(1));
-    assert!(said_one_line(&ended, "camera"), "{ended:?}");
+    assert!(printed_one_line(&ended, "camera"), "{ended:?}");
     assert!(ended.stderr.contains("broken.jpg"), "{ended:?}");
 }
 
@@ -203,7 +203,7 @@ fn a_folder_that_is_missing_or_empty_is_one_line_and_status_1() {
         let topic = unique_topic("no_folder");
         let ended = start(&topic, &["--frames", folder.to_str().unwrap()]).end();
         assert_eq!(ended.status, Some(1));
-        assert!(said_one_line(&ended, "camera"), "{ended:?}");
+        assert!(printed_one_line(&ended, "camera"), "{ended:?}");
         assert!(ended.stderr.contains(folder.to_str().unwrap()), "{ended:?}");
     }
 }
@@ -214,7 +214,7 @@ fn a_topic_with_a_live_publisher_is_one_line_and_status_1() {
     let _publisher = Publisher::open(&topic, &PublisherOptions::default()).unwrap();
     let ended = start(&topic, &[]).end();
     assert_eq!(ended.status, Some(1));
-    assert!(said_one_line(&ended, "camera"), "{ended:?}");
+    assert!(printed_one_line(&ended, "camera"), "{ended:?}");
     assert!(ended.stderr.contains(topic.name()), "{ended:?}");
 }
 

@@ -36,7 +36,7 @@ fn act(log: Log) -> Result<bool, Failure> {
         Request::Ring { settings, json } => {
             log.line(format!("{} kills, seed {}", settings.kills, settings.seed));
             let stop =
-                Stop::of_process(false).map_err(|error| Failure::World(error.to_string()))?;
+                Stop::of_process(false).map_err(|error| Failure::Runtime(error.to_string()))?;
             let report = ring::run(&settings, &stop, log)?;
             println!("{}", report.text());
             if json {
@@ -61,7 +61,7 @@ fn act(log: Log) -> Result<bool, Failure> {
 
 /// A peer ends with the run that started it: its standard input ends then.
 fn stop() -> Result<Stop, Failure> {
-    Stop::of_process(true).map_err(|error| Failure::World(error.to_string()))
+    Stop::of_process(true).map_err(|error| Failure::Runtime(error.to_string()))
 }
 
 fn seed() -> u64 {

@@ -216,7 +216,7 @@ impl Reader<'_> {
 
     fn wake_on_stop(&self) {
         let waker = self.subscriber.waker();
-        self.stop.wakes(move || waker.wake());
+        self.stop.on_request(move || waker.wake());
     }
 
     fn note(&mut self, meta: &Meta, bytes: &[u8]) -> Result<(), Failure> {
@@ -239,5 +239,5 @@ fn options(random: &mut Random) -> SubscriberOptions {
 }
 
 fn world(error: impl std::fmt::Display) -> Failure {
-    Failure::World(error.to_string())
+    Failure::Runtime(error.to_string())
 }

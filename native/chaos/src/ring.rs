@@ -444,5 +444,5 @@ fn dismissed(role: Role) -> bool {
 }
 
 fn world(error: impl std::fmt::Display) -> Failure {
-    Failure::World(error.to_string())
+    Failure::Runtime(error.to_string())
 }

@@ -19,7 +19,7 @@ pub fn refuse(topic: &Topic) -> Result<(), Failure> {
 pub fn failure(topic: &Topic) -> Failure {
     let listing = Listing::read().unwrap_or_default();
     let names: Vec<&str> = listing.topics.iter().map(Topic::name).collect();
-    Failure::World(sentence(topic.name(), &names))
+    Failure::Runtime(sentence(topic.name(), &names))
 }
 
 fn sentence(given: &str, names: &[&str]) -> String {

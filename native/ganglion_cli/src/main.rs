@@ -45,12 +45,12 @@ fn main() -> ExitCode {
 
 fn run(verb: &Verb, options: &Options, log: Log) -> Result<(), Failure> {
     let stop = Stop::of_process(false)
-        .map_err(|error| Failure::World(format!("signals cannot be received: {error}")))?;
+        .map_err(|error| Failure::Runtime(format!("signals cannot be received: {error}")))?;
     let mut output = Output::to_stdout(options.json, stop);
     (verb.run)(options, &mut output, log)
 }
 
 /// The world's trouble, in the words of whoever met it.
 fn world(error: impl std::error::Error) -> Failure {
-    Failure::World(error.to_string())
+    Failure::Runtime(error.to_string())
 }

@@ -48,7 +48,7 @@ impl Output {
     fn line(&self, text: impl Display) -> Result<(), Failure> {
         match writeln!(io::stdout().lock(), "{text}") {
             Err(error) if error.kind() == ErrorKind::BrokenPipe => self.stop.request(),
-            Err(error) => return Err(Failure::World(format!("stdout: {error}"))),
+            Err(error) => return Err(Failure::Runtime(format!("stdout: {error}"))),
             Ok(()) => {}
         }
         Ok(())

@@ -1,5 +1,5 @@
-//! Options as our programs take them: `--long-name VALUE` or `--long-name=VALUE`. Only help and
-//! version have letters too: `-h`, `-V`.
+//! Reads a program's arguments: `--long-name VALUE` or `--long-name=VALUE`. Only help and version
+//! have short forms: `-h` and `-V`.
 //!
 //! ```
 //! use program::arguments::Arguments;
@@ -23,16 +23,16 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// One of the arguments of a call.
+/// One argument of a command line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Argument {
-    /// An option that is known.
+    /// A known option.
     Option(&'static str),
-    /// What begins with no dash, or stands behind `--`.
+    /// An argument without a leading dash, or any argument after `--`.
     Plain(OsString),
 }
 
-/// The arguments of a call, read one after the other.
+/// The arguments of a command line, read one by one.
 #[derive(Debug)]
 pub struct Arguments {
     parser: lexopt::Parser,
@@ -41,7 +41,8 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// Reads `arguments`, without the program's name; `known` are the options that exist, as they are typed.
+    /// Takes `arguments` without the program's name. `known` lists the options that the program
+    /// accepts, as they are typed.
     pub fn new<A: Into<OsString>>(
         arguments: impl IntoIterator<Item = A>,
         known: &'static [&'static str],
@@ -54,94 +55,120 @@ impl Arguments {
         }
     }
 
-    /// The next option, as it is typed; `None` after the last.
+    /// Returns the next option as it is typed, or `None` after the last one.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] for an unknown option, for an argument that is no option, and for a
+    /// value that follows an option without one.
     #[expect(
         clippy::should_implement_trait,
-        reason = "its errors end the reading, so it is no iterator"
+        reason = "an error ends the reading, so this is not an iterator"
     )]
     pub fn next(&mut self) -> Result<Option<&'static str>, Failure> {
         match self.next_argument()? {
             None => Ok(None),
             Some(Argument::Option(option)) => Ok(Some(option)),
-            Some(Argument::Plain(value)) => Err(self.unknown(&value.to_string_lossy())),
+            Some(Argument::Plain(value)) => Err(self.unknown_option(&value.to_string_lossy())),
         }
     }
 
-    /// The next argument of a program that takes others than options too; `None` after the last.
+    /// Returns the next argument, or `None` after the last one. For programs that accept plain
+    /// arguments beside options.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] for an unknown option and for a value that follows an option without
+    /// one.
     pub fn next_argument(&mut self) -> Result<Option<Argument>, Failure> {
-        let typed = match self.parser.next() {
+        let option = match self.parser.next() {
             Ok(None) => return Ok(None),
             Ok(Some(lexopt::Arg::Long(name))) => format!("--{name}"),
             Ok(Some(lexopt::Arg::Short('h'))) => "--help".to_owned(),
             Ok(Some(lexopt::Arg::Short('V'))) => "--version".to_owned(),
             Ok(Some(lexopt::Arg::Short(letter))) => format!("-{letter}"),
             Ok(Some(lexopt::Arg::Value(value))) => return Ok(Some(Argument::Plain(value))),
-            Err(_) => return Err(self.refuse("a value", "no value")),
+            Err(lexopt::Error::UnexpectedValue { value, .. }) => {
+                return Err(self.invalid_value(&format!("{value:?}"), "no value"));
+            }
+            Err(error) => return Err(Failure::Usage(error.to_string())),
         };
-        match self.known.iter().find(|&&known| known == typed) {
+        match self.known.iter().find(|&&known| known == option) {
             Some(&known) => {
                 self.current = known;
                 Ok(Some(Argument::Option(known)))
             }
-            None => Err(self.unknown(&typed)),
+            None => Err(self.unknown_option(&option)),
         }
     }
 
-    fn unknown(&self, typed: &str) -> Failure {
+    fn unknown_option(&self, option: &str) -> Failure {
         Failure::Usage(format!(
-            "there is no option {typed:?}{} accepted: {}",
-            hint(typed, self.known.iter().copied()),
+            "unknown option {option:?}{} expected one of: {}",
+            hint(option, self.known.iter().copied()),
             self.known.join(" ")
         ))
     }
 
-    /// The value of the current option, read from its text, if it passes `check`. `accepted` says what would.
+    /// Parses the value of the current option and returns it if `check` accepts it. `expected`
+    /// describes an accepted value for the error message.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] when the value is missing, cannot be parsed or does not pass `check`.
     pub fn parse<T: FromStr>(
         &mut self,
-        accepted: &str,
+        expected: &str,
         check: impl FnOnce(&T) -> bool,
     ) -> Result<T, Failure> {
-        let value = self.value(accepted)?;
+        let value = self.value(expected)?;
         value
             .to_str()
             .and_then(|text| text.parse().ok())
             .filter(check)
-            .ok_or_else(|| self.refuse(&format!("{value:?}"), accepted))
+            .ok_or_else(|| self.invalid_value(&format!("{value:?}"), expected))
     }
 
-    /// The value of the current option as `read` makes it from its text.
+    /// Returns the value of the current option as `read` converts it from text.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] when the value is missing, is not UTF-8 or `read` returns `None`.
     pub fn read<T>(
         &mut self,
-        accepted: &str,
+        expected: &str,
         read: impl FnOnce(&str) -> Option<T>,
     ) -> Result<T, Failure> {
-        let value = self.value(accepted)?;
+        let value = self.value(expected)?;
         value
             .to_str()
             .and_then(read)
-            .ok_or_else(|| self.refuse(&format!("{value:?}"), accepted))
+            .ok_or_else(|| self.invalid_value(&format!("{value:?}"), expected))
     }
 
-    /// The value of the current option as a path, whatever its letters.
-    pub fn path(&mut self, accepted: &str) -> Result<PathBuf, Failure> {
-        self.value(accepted).map(PathBuf::from)
+    /// Returns the value of the current option as a path, which need not be UTF-8.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] when the value is missing.
+    pub fn path(&mut self, expected: &str) -> Result<PathBuf, Failure> {
+        self.value(expected).map(PathBuf::from)
     }
 
-    fn value(&mut self, accepted: &str) -> Result<OsString, Failure> {
+    fn value(&mut self, expected: &str) -> Result<OsString, Failure> {
         self.parser
             .value()
-            .map_err(|_| self.refuse("no value", accepted))
+            .map_err(|_| self.invalid_value("no value", expected))
     }
 
-    fn refuse(&self, given: &str, accepted: &str) -> Failure {
+    fn invalid_value(&self, got: &str, expected: &str) -> Failure {
         Failure::Usage(format!(
-            "{} was given {given}; accepted: {accepted}",
+            "invalid value for {} option: expected {expected}, got: {got}",
             self.current
         ))
     }
 }
 
-/// The value of an option that must be there.
-pub fn required<T>(value: Option<T>, option: &str, accepted: &str) -> Result<T, Failure> {
-    value.ok_or_else(|| Failure::Usage(format!("{option} is missing; accepted: {accepted}")))
+/// Returns the value of an option that a program cannot do without.
+///
+/// # Errors
+/// [`Failure::Usage`] when `value` is `None`. The message names `option` and describes the
+/// expected value.
+pub fn required<T>(value: Option<T>, option: &str, expected: &str) -> Result<T, Failure> {
+    value.ok_or_else(|| Failure::Usage(format!("{option} option is missing; expected {expected}")))
 }

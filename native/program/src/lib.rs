@@ -1,12 +1,28 @@
-//! The manners that Ganglion's native programs share: how they take options, log, fail and stop.
+//! Shared foundation of Ganglion's native programs: options, log lines, failures and a clean
+//! stop.
 //!
-//! | part | what it promises |
+//! Each program uses it the same way, so that all of them behave alike on the command line and
+//! under a supervisor.
+//!
+//! | part | purpose |
 //! |---|---|
-//! | [`arguments`] | `--long-name VALUE`; a wrong one is named together with what is accepted |
-//! | [`Failure`], [`run`] | one line on stderr and the exit status: 2 for a wrong call, 1 for the world's trouble |
+//! | [`arguments`] | reads `--long-name VALUE`; an error names the option, the expected and the given value |
+//! | [`Failure`], [`run`] | one line on stderr and an exit status: 2 for a usage error, 1 for a failure at run time |
 //! | [`Log`] | plain lines on stderr that start with the program's name |
-//! | [`nearest`] | what was meant by a name that nobody has |
-//! | [`stop`] | SIGTERM, SIGINT and, when asked for, the end of stdin end the program cleanly |
+//! | [`nearest`] | finds the known name that is closest to a mistyped one |
+//! | [`stop`] | ends the program cleanly on SIGTERM, SIGINT and, on request, the end of stdin |
+//!
+//! ```
+//! use program::{Failure, Log};
+//! use std::process::ExitCode;
+//!
+//! fn work(log: Log) -> Result<(), Failure> {
+//!     log.line("nothing to do");
+//!     Ok(())
+//! }
+//!
+//! assert_eq!(program::run("example", work), ExitCode::SUCCESS);
+//! ```
 
 pub mod arguments;
 pub mod nearest;
@@ -16,20 +32,21 @@ use std::fmt;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
-/// Why a program ends without having done its work. The text is one line, without the program's name.
+/// The reason why a program ends without having done its work: one line of text, without the
+/// program's name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Failure {
-    /// It was called wrongly: says what was given and what is accepted. Exit status 2.
+    /// A wrong command line. The text says what was expected and what was given. Exit status 2.
     Usage(String),
-    /// The world is not as it should be, such as a file that cannot be read. Exit status 1.
-    World(String),
+    /// A failure at run time, such as a file that cannot be read. Exit status 1.
+    Runtime(String),
 }
 
 impl Failure {
     fn exit_status(&self) -> u8 {
         match self {
             Failure::Usage(_) => 2,
-            Failure::World(_) => 1,
+            Failure::Runtime(_) => 1,
         }
     }
 }
@@ -37,30 +54,30 @@ impl Failure {
 impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Failure::Usage(text) | Failure::World(text) => f.write_str(text),
+            Failure::Usage(text) | Failure::Runtime(text) => f.write_str(text),
         }
     }
 }
 
-/// A program's log: plain lines on stderr.
+/// The log of a program: plain lines on stderr.
 #[derive(Debug, Clone, Copy)]
 pub struct Log {
     program: &'static str,
 }
 
 impl Log {
-    /// The log of `program`.
+    /// Returns the log of `program`.
     pub fn of(program: &'static str) -> Log {
         Log { program }
     }
 
-    /// Writes one line. A reader that has gone away is no reason to stop.
+    /// Writes one line. Errors are ignored: a closed stderr does not stop the program.
     pub fn line(&self, text: impl fmt::Display) {
         let _ = writeln!(io::stderr().lock(), "{}: {text}", self.program);
     }
 }
 
-/// Runs a program's body; a failure becomes its line and its exit status.
+/// Runs a program's body. A failure is written to the log and sets the exit status.
 pub fn run(program: &'static str, body: impl FnOnce(Log) -> Result<(), Failure>) -> ExitCode {
     let log = Log::of(program);
     match body(log) {

@@ -1,6 +1,7 @@
-//! What somebody may have meant who mistyped a name.
+//! Suggestions for mistyped names.
 
-/// The one of `names` that is nearest to what was given, if it is near enough to be a slip.
+/// Returns the entry of `names` that is closest to `given`, or `None` when no entry is close
+/// enough to be a typing error.
 ///
 /// ```
 /// use program::nearest::nearest;
@@ -10,27 +11,27 @@
 /// ```
 pub fn nearest<'a>(given: &str, names: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let given = given.to_lowercase();
-    let slips = |name: &str| strsim::damerau_levenshtein(&given, &name.to_lowercase());
+    let edits = |name: &str| strsim::damerau_levenshtein(&given, &name.to_lowercase());
     names
         .into_iter()
-        .map(|name| (slips(name), name))
-        .filter(|(slips, name)| *slips <= allowed(given.len().max(name.len())))
+        .map(|name| (edits(name), name))
+        .filter(|(edits, name)| *edits <= allowed_edits(given.len().max(name.len())))
         .min()
-        .map(|(_slips, name)| name)
+        .map(|(_edits, name)| name)
 }
 
-/// What stands in a sentence between the name that nobody has and those that there are:
-/// `"; did you mean camera?"`, or `";"` where no name is near.
+/// Returns the text between an unknown name and the list of known ones in an error message:
+/// `"; did you mean camera?"`, or `";"` when no name is close.
 pub fn hint<'a>(given: &str, names: impl IntoIterator<Item = &'a str>) -> String {
     nearest(given, names).map_or_else(|| ";".into(), |name| format!("; did you mean {name}?"))
 }
 
-/// One slip in a short word, one more for each three letters.
-fn allowed(letters: usize) -> usize {
+/// One edit in a short word; one for every three letters in a longer word.
+fn allowed_edits(letters: usize) -> usize {
     match letters {
         0..=1 => 0,
         2..=5 => 1,
-        more => more / 3,
+        longer => longer / 3,
     }
 }
 
@@ -39,21 +40,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn letters_that_are_missing_swapped_or_too_many_are_slips() {
+    fn a_missing_swapped_or_extra_letter_is_a_typing_error() {
         for given in ["toipcs", "topic", "topicss", "Topics"] {
             assert_eq!(nearest(given, ["topics", "info", "echo"]), Some("topics"));
         }
     }
 
     #[test]
-    fn another_word_is_no_slip() {
+    fn another_word_is_not_a_typing_error() {
         for given in ["", "x", "hertz", "list"] {
             assert_eq!(nearest(given, ["topics", "info", "hz", "bw"]), None);
         }
     }
 
     #[test]
-    fn of_several_the_nearest_is_meant() {
+    fn the_closest_of_several_names_is_suggested() {
         assert_eq!(
             nearest("tag-left", ["tags-left", "tag-front", "tags"]),
             Some("tags-left")

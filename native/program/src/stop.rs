@@ -1,4 +1,4 @@
-//! The wish that a program ends, and those who wait for it.
+//! A stop request that several threads can wait for.
 
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -15,7 +15,7 @@ struct State {
     wakers: Vec<Waker>,
 }
 
-/// A stop that anyone may request, once and for all. Clones share it.
+/// A stop that any thread may request, once. Clones share it.
 ///
 /// ```
 /// use program::stop::Stop;
@@ -32,12 +32,17 @@ pub struct Stop {
 }
 
 impl Stop {
-    /// A stop that nobody has requested.
+    /// Returns a stop that is not requested yet.
     pub fn new() -> Stop {
         Stop::default()
     }
 
-    /// A program's stop: requested by SIGTERM and SIGINT, and by the end of stdin if `with_stdin`.
+    /// Returns the stop of this process. SIGTERM and SIGINT request it, and so does the end of
+    /// stdin if `with_stdin` is true.
+    ///
+    /// # Errors
+    /// The operating system's error when a signal handler cannot be installed or a thread cannot
+    /// be started.
     pub fn of_process(with_stdin: bool) -> io::Result<Stop> {
         let stop = Stop::new();
         stop.request_on_signals()?;
@@ -63,7 +68,7 @@ impl Stop {
         })
     }
 
-    /// Requests it and wakes all who wait.
+    /// Requests the stop and wakes all waiting threads.
     pub fn request(&self) {
         let mut state = self.state();
         state.requested = true;
@@ -71,12 +76,12 @@ impl Stop {
         self.shared.1.notify_all();
     }
 
-    /// Whether it was requested.
+    /// Returns whether the stop was requested.
     pub fn requested(&self) -> bool {
         self.state().requested
     }
 
-    /// Waits until it is requested (`true`) or `deadline` has come (`false`).
+    /// Waits for the request. Returns `true` when it came and `false` at `deadline`.
     pub fn wait_until(&self, deadline: Instant) -> bool {
         let mut state = self.state();
         while !state.requested {
@@ -90,9 +95,9 @@ impl Stop {
         true
     }
 
-    /// Has `wake` called at each request, and now if it was requested already: for threads that wait for something
-    /// else. It must not call this stop.
-    pub fn wakes(&self, wake: impl Fn() + Send + 'static) {
+    /// Registers `wake`, which every request calls; it runs at once if the stop was requested
+    /// already. For threads that wait for something else. `wake` must not call this stop.
+    pub fn on_request(&self, wake: impl Fn() + Send + 'static) {
         let mut state = self.state();
         if state.requested {
             wake();
@@ -110,7 +115,7 @@ fn spawn(name: &str, body: impl FnOnce() + Send + 'static) -> io::Result<()> {
     thread.stack_size(64 * 1024).spawn(body).map(drop)
 }
 
-/// Reads to the end; an error is an end too.
+/// Reads to the end. An error counts as the end.
 fn drain(mut source: impl Read) {
     let mut scratch = [0; 512];
     loop {

@@ -1,4 +1,4 @@
-//! How options are taken and refused.
+//! Reading of options and their error messages.
 
 use program::Failure;
 use program::arguments::{Argument, Arguments, required};
@@ -19,13 +19,13 @@ fn rate(arguments: &[&str]) -> Result<f64, Failure> {
 }
 
 #[test]
-fn a_value_stands_behind_its_option_or_after_an_equals_sign() {
+fn a_value_follows_its_option_or_an_equals_sign() {
     assert_eq!(rate(&["--rate", "2.5"]), Ok(2.5));
     assert_eq!(rate(&["--rate=2.5"]), Ok(2.5));
 }
 
 #[test]
-fn an_unknown_option_is_named_with_those_that_exist() {
+fn the_error_for_an_unknown_option_names_it_and_the_known_ones() {
     for given in ["--rat", "-r", "rate"] {
         let text = usage(Arguments::new([given], KNOWN).next());
         assert!(text.contains(given), "{text}");
@@ -34,16 +34,16 @@ fn an_unknown_option_is_named_with_those_that_exist() {
 }
 
 #[test]
-fn a_slip_is_told_with_what_was_meant() {
+fn the_error_for_a_mistyped_option_suggests_the_closest_one() {
     let text = usage(Arguments::new(["--rte"], KNOWN).next());
     assert_eq!(
         text,
-        "there is no option \"--rte\"; did you mean --rate? accepted: --rate --verbose"
+        "unknown option \"--rte\"; did you mean --rate? expected one of: --rate --verbose"
     );
 }
 
 #[test]
-fn help_and_version_have_a_letter_each() {
+fn help_and_version_have_a_short_form_each() {
     let mut arguments = Arguments::new(["-h", "-V"], &["--help", "--version"]);
     assert_eq!(arguments.next(), Ok(Some("--help")));
     assert_eq!(arguments.next(), Ok(Some("--version")));
@@ -51,40 +51,43 @@ fn help_and_version_have_a_letter_each() {
 }
 
 #[test]
-fn a_wrong_value_is_named_with_what_is_accepted() {
+fn the_error_for_an_invalid_value_says_what_was_expected() {
     for given in ["10", "fast", "", "NaN"] {
         let text = usage(rate(&["--rate", given]));
         assert_eq!(
             text,
-            format!("--rate was given {given:?}; accepted: 1 to 9")
+            format!("invalid value for --rate option: expected 1 to 9, got: {given:?}")
         );
     }
 }
 
 #[test]
-fn a_missing_value_is_said_to_be_missing() {
+fn the_error_for_a_missing_value_says_that_it_is_missing() {
     let text = usage(rate(&["--rate"]));
-    assert_eq!(text, "--rate was given no value; accepted: 1 to 9");
-}
-
-#[test]
-fn a_value_where_none_belongs_is_refused() {
-    let mut arguments = Arguments::new(["--verbose=yes"], KNOWN);
-    assert_eq!(arguments.next(), Ok(Some("--verbose")));
     assert_eq!(
-        usage(arguments.next()),
-        "--verbose was given a value; accepted: no value"
+        text,
+        "invalid value for --rate option: expected 1 to 9, got: no value"
     );
 }
 
 #[test]
-fn a_required_option_that_is_missing_is_named() {
-    let text = usage(required::<u8>(None, "--rate", "1 to 9"));
-    assert_eq!(text, "--rate is missing; accepted: 1 to 9");
+fn a_value_for_an_option_without_one_is_an_error() {
+    let mut arguments = Arguments::new(["--verbose=yes"], KNOWN);
+    assert_eq!(arguments.next(), Ok(Some("--verbose")));
+    assert_eq!(
+        usage(arguments.next()),
+        "invalid value for --verbose option: expected no value, got: \"yes\""
+    );
 }
 
 #[test]
-fn other_arguments_than_options_are_given_to_who_asks_for_them() {
+fn the_error_for_a_missing_required_option_names_it() {
+    let text = usage(required::<u8>(None, "--rate", "1 to 9"));
+    assert_eq!(text, "--rate option is missing; expected 1 to 9");
+}
+
+#[test]
+fn next_argument_returns_plain_arguments_too() {
     let mut arguments = Arguments::new(["imu", "--verbose", "--", "--rate"], KNOWN);
     let plain = |text: &str| Ok(Some(Argument::Plain(text.into())));
     assert_eq!(arguments.next_argument(), plain("imu"));

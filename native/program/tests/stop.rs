@@ -1,4 +1,4 @@
-//! The wish that a program ends reaches all who wait for it.
+//! A stop request reaches all waiting threads.
 
 use program::stop::Stop;
 use std::sync::mpsc;
@@ -21,20 +21,20 @@ fn a_deadline_ends_a_wait() {
 }
 
 #[test]
-fn a_request_wakes_those_who_wait_elsewhere_also_if_they_come_late() {
+fn a_request_calls_the_registered_wakers_also_those_that_register_late() {
     let stop = Stop::new();
     let (sender, receiver) = mpsc::channel();
     let late = sender.clone();
-    stop.wakes(move || sender.send("early").unwrap());
+    stop.on_request(move || sender.send("early").unwrap());
     stop.request();
     assert_eq!(receiver.recv(), Ok("early"));
-    stop.wakes(move || late.send("late").unwrap());
+    stop.on_request(move || late.send("late").unwrap());
     assert_eq!(receiver.recv(), Ok("late"));
     assert!(stop.requested());
 }
 
 #[test]
-fn a_signal_requests_it() {
+fn a_signal_requests_the_stop() {
     let stop = Stop::of_process(false).unwrap();
     signal_hook::low_level::raise(signal_hook::consts::SIGTERM).unwrap();
     assert!(stop.wait_until(Instant::now() + Duration::from_secs(60)));

@@ -69,7 +69,7 @@ impl Follower {
     fn run(mut self) {
         let Some(mut imu) = self.open() else { return };
         let waker = imu.waker();
-        self.stop.wakes(move || waker.wake());
+        self.stop.on_request(move || waker.wake());
         let mut message = Vec::new();
         while !self.stop.requested() {
             match imu.read_timeout(&mut message, Duration::from_secs(1)) {

@@ -75,7 +75,7 @@ pub fn run(options: &Options, stop: &Stop, log: Log) -> Result<(), Failure> {
     let publisher = publisher(&options.detections)?;
     let frames = subscriber(&options.frames)?;
     let waker = frames.waker();
-    stop.wakes(move || waker.wake());
+    stop.on_request(move || waker.wake());
     let gyro = gyro(options.imu.as_ref(), stop, log)?;
     log.line(format_args!(
         "looking for {} on ring topic {:?}, telling on {:?}",
@@ -111,7 +111,7 @@ fn gyro(topic: Option<&Topic>, stop: &Stop, log: Log) -> Result<Gyro, Failure> {
         return Ok(Gyro::default());
     };
     Gyro::follow(topic, stop, log)
-        .map_err(|error| Failure::World(format!("no thread can be started: {error}")))
+        .map_err(|error| Failure::Runtime(format!("no thread can be started: {error}")))
 }
 
 fn publisher(topic: &Topic) -> Result<Publisher, Failure> {
@@ -133,7 +133,7 @@ fn subscriber(topic: &Topic) -> Result<Subscriber, Failure> {
 }
 
 fn world(error: impl std::error::Error) -> Failure {
-    Failure::World(error.to_string())
+    Failure::Runtime(error.to_string())
 }
 
 /// The watch over the frames.

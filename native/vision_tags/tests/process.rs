@@ -15,7 +15,7 @@ use ganglion_messages::imu::{self, Imu};
 use ganglion_messages::stamp::Stamp;
 use ganglion_messages::tags::{self, FrameSource, TagDetections};
 use process::{
-    PATIENCE, Process, await_end, call, next_message, said_one_line, subscribe, unique_topic,
+    PATIENCE, Process, await_end, call, next_message, printed_one_line, subscribe, unique_topic,
 };
 use program::Log;
 use program::stop::Stop;
@@ -352,7 +352,7 @@ fn a_wrong_call_is_one_line_and_status_2() {
     ] {
         let ended = call(VISION_TAGS, arguments);
         assert_eq!(ended.status, Some(2), "{arguments:?}");
-        assert!(said_one_line(&ended, "vision_tags"), "{ended:?}");
+        assert!(printed_one_line(&ended, "vision_tags"), "{ended:?}");
     }
 }
 
@@ -365,7 +365,7 @@ fn a_detections_topic_with_a_live_publisher_is_one_line_and_status_1() {
         &["--frames", frames.name(), "--detections", taken.name()],
     );
     assert_eq!(ended.status, Some(1));
-    assert!(said_one_line(&ended, "vision_tags"), "{ended:?}");
+    assert!(printed_one_line(&ended, "vision_tags"), "{ended:?}");
     assert!(ended.stderr.contains(taken.name()), "{ended:?}");
 }
 

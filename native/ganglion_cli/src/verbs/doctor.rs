@@ -250,8 +250,8 @@ impl Summary {
     fn verdict(&self) -> Result<(), Failure> {
         match (self.left(), self.fix) {
             (0, _) => Ok(()),
-            (left, true) => Err(Failure::World(format!("{} left", problems(left)))),
-            (left, false) => Err(Failure::World(format!(
+            (left, true) => Err(Failure::Runtime(format!("{} left", problems(left)))),
+            (left, false) => Err(Failure::Runtime(format!(
                 "{} found; ganglion doctor --fix repairs what is safe",
                 problems(left)
             ))),

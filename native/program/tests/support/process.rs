@@ -1,4 +1,5 @@
-//! Programs under test, and the ring topics by which they are watched. Shared by the tests of all programs.
+//! Programs under test and the ring topics that a test watches. All programs' tests share this
+//! file.
 
 #[path = "../../../conduit_ring/tests/support/run.rs"]
 mod run;
@@ -9,25 +10,25 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Far longer than anything here takes: only a failure waits for it.
+/// The timeout of every wait, far longer than a passing test needs.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A running program. It is asked to end when dropped, so that it leaves no topic behind.
+/// A running program. Dropping it terminates the program, so that no topic remains.
 pub struct Process {
     child: Child,
 }
 
-/// What a program left behind.
+/// Exit status and output of a program that has ended.
 #[derive(Debug)]
 pub struct Ended {
-    /// Its exit status; `None` if a signal ended it.
+    /// The exit status; `None` if a signal ended the program.
     pub status: Option<i32>,
     pub stdout: String,
     pub stderr: String,
 }
 
 impl Process {
-    /// Starts a program; its stdin stays open until `close_stdin`.
+    /// Starts a program. Its stdin stays open until [`Process::close_stdin`].
     pub fn start(program: &str, arguments: &[&str]) -> Process {
         let child = Command::new(program)
             .args(arguments)
@@ -39,14 +40,15 @@ impl Process {
         Process { child }
     }
 
-    /// Asks it to end.
+    /// Sends SIGTERM.
     pub fn terminate(&self) {
-        // SAFETY: sends a signal to a child that was not waited for, so that its id is still its own.
+        // SAFETY: kill takes two numbers; the child was not waited for, so its id is still its
+        // own.
         let sent = unsafe { libc::kill(self.child.id() as libc::pid_t, libc::SIGTERM) };
         assert_eq!(sent, 0);
     }
 
-    /// Ends it without asking.
+    /// Sends SIGKILL and waits for the end.
     pub fn kill(mut self) {
         self.child.kill().expect("it can be killed");
         self.child.wait().expect("a status");
@@ -56,7 +58,7 @@ impl Process {
         drop(self.child.stdin.take());
     }
 
-    /// Waits until it has ended by itself.
+    /// Waits until the program has ended by itself.
     pub fn end(mut self) -> Ended {
         let (mut stdout, mut stderr) = (self.child.stdout.take(), self.child.stderr.take());
         let (sender, receiver) = mpsc::channel();
@@ -102,7 +104,7 @@ pub fn call(program: &str, arguments: &[&str]) -> Ended {
     Process::start(program, arguments).end()
 }
 
-/// A topic that no other test has.
+/// Returns a topic whose name no other test uses.
 pub fn unique_topic(name: &str) -> Topic {
     Topic::new(&run::unique(name)).expect("a topic name")
 }
@@ -112,7 +114,7 @@ pub fn subscribe(topic: &Topic) -> Subscriber {
     Subscriber::open(topic, &SubscriberOptions::default()).expect("a subscriber")
 }
 
-/// The next message.
+/// Returns the next message.
 pub fn next_message(subscriber: &mut Subscriber) -> (Meta, Vec<u8>) {
     let mut message = Vec::new();
     loop {
@@ -127,7 +129,7 @@ pub fn next_message(subscriber: &mut Subscriber) -> (Meta, Vec<u8>) {
     }
 }
 
-/// Waits until the topic's publisher is gone, reading what it leaves.
+/// Waits until the topic's publisher is gone and discards its messages.
 pub fn await_end(subscriber: &mut Subscriber) {
     let mut message = Vec::new();
     loop {
@@ -142,8 +144,9 @@ pub fn await_end(subscriber: &mut Subscriber) {
     }
 }
 
-/// Whether a program said one line that starts with its name, and nothing else.
-pub fn said_one_line(ended: &Ended, program: &str) -> bool {
+/// Returns whether the program printed exactly one line, which starts with its name.
+pub fn printed_one_line(ended: &Ended, program: &str) -> bool {
     let start = format!("{program}: ");
-    ended.stdout.is_empty() && ended.stderr.starts_with(&start) && ended.stderr.lines().count() == 1
+    let lines = ended.stderr.lines().count();
+    ended.stdout.is_empty() && ended.stderr.starts_with(&start) && lines == 1
 }

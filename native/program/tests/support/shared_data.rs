@@ -3,8 +3,9 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// The folder of photographs with AprilTags and of the truth about them. Where it is absent, a line on stderr says that
-/// the test is skipped; the harness would keep what `eprintln!` prints to itself.
+/// Returns the folder of photographs with AprilTags and their ground truth. When it is absent, a
+/// line on stderr says that the test is skipped; `eprintln!` would not do, as the test harness
+/// captures it.
 pub fn tags_folder() -> Option<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let folder = root.join("../shared/data/tags");
