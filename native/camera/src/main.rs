@@ -1,4 +1,4 @@
-//! The camera's process: see the library.
+//! The camera's `main`; the library does the work.
 
 use camera::options::{Call, HELP, Options};
 use program::stop::Stop;
@@ -19,6 +19,6 @@ fn main() -> ExitCode {
 
 fn run(options: &Options, log: Log) -> Result<(), Failure> {
     let stop = Stop::of_process(options.exit_with_stdin)
-        .map_err(|error| Failure::Runtime(format!("signals cannot be received: {error}")))?;
+        .map_err(|error| Failure::Runtime(format!("could not handle signals: {error}")))?;
     camera::run(options, &stop, log)
 }

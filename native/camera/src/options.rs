@@ -7,22 +7,23 @@ use program::arguments::{Arguments, required};
 use std::ffi::OsString;
 use std::path::PathBuf;
 
-/// What `--help` says.
+/// The text that `--help` prints.
 pub const HELP: &str = "\
 camera: publishes grey frames on a ring topic
 
 Usage: camera --topic NAME [options]
 
-  --topic NAME        the ring topic: 1 to 200 of A-Z a-z 0-9 _ . -
-  --rate HZ           frames a second, 0.01 to 1000; default 30
-  --width PIXELS      of the rendered scene, 320 to 7680; default 640
-  --height PIXELS     of the rendered scene, 240 to 4320; default 480
-  --frames DIR        photographs (.jpg, .jpeg, .png) of this folder by name, round and round, instead of the scene
-  --slots COUNT       frames that the ring holds, a power of two from 2 to 64; default 4
-  --check             only look whether --frames can be used, without a topic
-  --exit-with-stdin   end when stdin does
-  -h, --help          this text
-  -V, --version       the version
+  --topic NAME        ring topic, 1 to 200 characters of A-Z a-z 0-9 _ . -
+  --rate HZ           frames per second, 0.01 to 1000; default 30
+  --width PIXELS      width of the rendered scene, 320 to 7680; default 640
+  --height PIXELS     height of the rendered scene, 240 to 4320; default 480
+  --frames DIR        show the photographs (.jpg, .jpeg, .png) of a folder in the order of their
+                      names, in a loop, instead of the scene
+  --slots COUNT       slots of the ring, a power of two from 2 to 64; default 4
+  --check             check whether --frames can be used and exit; needs no topic
+  --exit-with-stdin   exit when stdin closes
+  -h, --help          print this help
+  -V, --version       print the version
 ";
 
 const KNOWN: &[&str] = &[
@@ -38,27 +39,27 @@ const KNOWN: &[&str] = &[
     "--help",
 ];
 
-const TOPIC: &str = "a ring topic, 1 to 200 of A-Z a-z 0-9 _ . -";
+const TOPIC: &str = "a ring topic, 1 to 200 characters of A-Z a-z 0-9 _ . -";
 
-/// What the camera shall do.
+/// The settings of a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
     /// The ring topic to publish on.
     pub topic: Topic,
-    /// Frames a second.
+    /// Frames per second.
     pub rate_hz: f64,
-    /// What the frames show.
+    /// The pictures to show.
     pub picture: Picture,
-    /// Frames that the ring holds.
+    /// Slots of the ring.
     pub slots: u32,
-    /// Whether the end of stdin is the camera's end.
+    /// Whether the camera exits when stdin closes.
     pub exit_with_stdin: bool,
 }
 
-/// What the frames show.
+/// The pictures to show.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Picture {
-    /// The rendered scene, in this size.
+    /// The rendered scene in this size.
     Scene {
         /// Pixels in a row.
         width: u32,
@@ -69,21 +70,24 @@ pub enum Picture {
     Photographs(PathBuf),
 }
 
-/// What the program was called for.
+/// The action that the command line requests.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Call {
-    /// To say how it is called.
+    /// Print the help.
     Help,
-    /// To say its version.
+    /// Print the version.
     Version,
-    /// To look whether these pictures can be used.
+    /// Check whether these pictures can be used.
     Check(Picture),
-    /// To be a camera.
+    /// Run the camera.
     Run(Options),
 }
 
 impl Call {
-    /// Reads the arguments, without the program's name.
+    /// Parses the arguments, without the program's name.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] when an option is unknown, missing or has an invalid value.
     pub fn parse<A: Into<OsString>>(
         arguments: impl IntoIterator<Item = A>,
     ) -> Result<Call, Failure> {
@@ -143,7 +147,8 @@ fn picture(
         }),
         Some(folder) if width.is_none() && height.is_none() => Ok(Picture::Photographs(folder)),
         Some(_) => Err(Failure::Usage(
-            "--frames was given with --width or --height; accepted: one or the other, photographs have their own size"
+            "--frames option cannot be combined with --width or --height: \
+             photographs have a size of their own"
                 .into(),
         )),
     }

@@ -1,7 +1,8 @@
-//! Photographs of a folder as grey pictures.
+//! The photographs of a folder as grey pictures.
 //!
-//! Of a JPEG it is the luma (Y) plane as it was stored, not a conversion of its colours: what comes back from colours is
-//! rounded, and faint edges get lost. A picture that is stored in colours (PNG, rarely JPEG) is weighed as JPEG weighs.
+//! The grey values of a JPEG are its stored luma (Y) plane. A conversion from its colours would
+//! round them and lose faint edges. A picture that is stored in colours (PNG, rarely JPEG) is
+//! converted with JPEG's weights.
 
 use std::fmt;
 use std::fs;
@@ -12,15 +13,15 @@ use zune_core::colorspace::ColorSpace;
 use zune_core::options::DecoderOptions;
 use zune_jpeg::JpegDecoder;
 
-/// The names' endings that count as photographs, in any case of letters.
+/// The file name extensions of photographs, in lower or upper case.
 pub const ENDINGS: [&str; 3] = ["jpg", "jpeg", "png"];
 
-/// How many bytes the pictures of a folder may take in memory together.
+/// The most bytes that the decoded pictures of a folder may take in memory.
 pub const FOLDER_LIMIT: usize = 1 << 30;
 
 const SIDE_LIMIT: usize = 16_384;
 
-/// A grey picture, rows without a gap.
+/// A grey picture, without padding between rows.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Photograph {
     /// Pixels in a row.
@@ -31,16 +32,16 @@ pub struct Photograph {
     pub pixels: Vec<u8>,
 }
 
-/// Why a folder or one of its files gives no picture.
+/// The reason why a folder or one of its files gives no picture.
 #[derive(Debug)]
 pub enum PhotographError {
     /// The folder or file cannot be read.
     Unreadable(PathBuf, io::Error),
     /// No file of the folder has one of the [`ENDINGS`].
     NoneIn(PathBuf),
-    /// It was read and is no picture that we understand; why not, in the decoder's words.
+    /// The file was read but not decoded; the decoder's error.
     NotAPicture(PathBuf, String),
-    /// With this file the folder's pictures exceed [`FOLDER_LIMIT`].
+    /// This file makes the folder's pictures exceed [`FOLDER_LIMIT`].
     TooMany(PathBuf),
 }
 
@@ -48,21 +49,21 @@ impl fmt::Display for PhotographError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             PhotographError::Unreadable(path, error) => {
-                write!(f, "{} cannot be read: {error}", path.display())
+                write!(f, "could not read {}: {error}", path.display())
             }
             PhotographError::NoneIn(path) => {
-                write!(f, "{} has no .jpg, .jpeg or .png file", path.display())
-            }
-            PhotographError::NotAPicture(path, cause) => {
                 write!(
                     f,
-                    "{} is not a picture that can be read: {cause}",
+                    "folder {} has no .jpg, .jpeg or .png file",
                     path.display()
                 )
             }
+            PhotographError::NotAPicture(path, cause) => {
+                write!(f, "could not decode {}: {cause}", path.display())
+            }
             PhotographError::TooMany(path) => write!(
                 f,
-                "with {} the folder's pictures take more than {} MiB",
+                "cannot load {}: the folder's pictures take more than {} MiB",
                 path.display(),
                 FOLDER_LIMIT >> 20
             ),
@@ -72,8 +73,12 @@ impl fmt::Display for PhotographError {
 
 impl std::error::Error for PhotographError {}
 
-/// All photographs of a folder in the order of their names. Other files, hidden ones and subfolders are passed over; one
-/// photograph that cannot be read is an error.
+/// Reads all photographs of a folder in the order of their names. Skips other files, hidden files
+/// and subfolders.
+///
+/// # Errors
+/// A [`PhotographError`] when the folder or one of its photographs cannot be read, when it has
+/// none, and when they exceed [`FOLDER_LIMIT`].
 pub fn read_folder(folder: &Path) -> Result<Vec<Photograph>, PhotographError> {
     let mut bytes = 0;
     let mut photographs = Vec::new();
@@ -112,14 +117,17 @@ fn is_photograph(path: &Path) -> bool {
     known && !name.starts_with(b".") && !path.is_dir()
 }
 
-/// Reads one photograph. What it is, its first bytes say, not its name.
+/// Reads one photograph. The first bytes of the file decide about its format, not its name.
+///
+/// # Errors
+/// [`PhotographError::Unreadable`] and [`PhotographError::NotAPicture`].
 pub fn read(path: &Path) -> Result<Photograph, PhotographError> {
     let bytes =
         fs::read(path).map_err(|error| PhotographError::Unreadable(path.to_owned(), error))?;
     decode(&bytes).map_err(|cause| PhotographError::NotAPicture(path.to_owned(), one_line(&cause)))
 }
 
-/// Decoders speak in several lines at times.
+/// Joins the lines of a decoder's message.
 fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
@@ -128,8 +136,8 @@ fn decode(bytes: &[u8]) -> Result<Photograph, String> {
     match bytes {
         [0xFF, 0xD8, ..] => decode_jpeg(bytes),
         [0x89, b'P', b'N', b'G', ..] => decode_png(bytes),
-        [] => Err("it is empty".into()),
-        _ => Err("it is neither JPEG nor PNG".into()),
+        [] => Err("the file is empty".into()),
+        _ => Err("the file is neither JPEG nor PNG".into()),
     }
 }
 
@@ -150,7 +158,7 @@ fn decode_jpeg(bytes: &[u8]) -> Result<Photograph, String> {
     let options = options.jpeg_set_out_colorspace(stored);
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
     let samples = decoder.decode().map_err(|error| error.to_string())?;
-    let info = decoder.info().ok_or("it has no size")?;
+    let info = decoder.info().ok_or("the file states no size")?;
     photograph(
         u32::from(info.width),
         u32::from(info.height),
@@ -164,16 +172,20 @@ fn jpeg_colours(bytes: &[u8], options: DecoderOptions) -> Result<ColorSpace, Str
     decoder
         .decode_headers()
         .map_err(|error| error.to_string())?;
-    decoder.input_colorspace().ok_or("it has no colours".into())
+    decoder
+        .input_colorspace()
+        .ok_or("the file states no colour space".into())
 }
 
 fn decode_png(bytes: &[u8]) -> Result<Photograph, String> {
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     decoder.set_transformations(png::Transformations::EXPAND | png::Transformations::STRIP_16);
     let mut reader = decoder.read_info().map_err(|error| error.to_string())?;
-    let size = reader.output_buffer_size().ok_or("it is too large")?;
+    let size = reader
+        .output_buffer_size()
+        .ok_or("the picture is too large")?;
     if size > FOLDER_LIMIT {
-        return Err("it is too large".into());
+        return Err("the picture is too large".into());
     }
     let mut samples = vec![0; size];
     let info = reader
@@ -183,7 +195,8 @@ fn decode_png(bytes: &[u8]) -> Result<Photograph, String> {
     photograph(info.width, info.height, samples, info.color_type.samples())
 }
 
-/// Makes the grey picture of samples that have so many channels: grey, grey and alpha, RGB, RGB and alpha.
+/// Converts samples with this number of channels (grey, grey and alpha, RGB, RGB and alpha) into
+/// a grey picture.
 fn photograph(
     width: u32,
     height: u32,
@@ -192,7 +205,7 @@ fn photograph(
 ) -> Result<Photograph, String> {
     let pixels: Vec<u8> = samples.chunks_exact(channels).map(grey).collect();
     if pixels.len() as u64 != u64::from(width) * u64::from(height) {
-        return Err("its pixels are not all there".into());
+        return Err("the file has too few pixels".into());
     }
     Ok(Photograph {
         width,
@@ -201,7 +214,7 @@ fn photograph(
     })
 }
 
-/// JPEG's weights (ITU-R BT.601).
+/// Converts a pixel to grey with JPEG's weights (ITU-R BT.601).
 fn grey(pixel: &[u8]) -> u8 {
     match *pixel {
         [red, green, blue, ..] => {

@@ -1,16 +1,19 @@
-//! A rendered scene: four tag36h11 cards that move, turn, tilt, come and go before a textured wall.
+//! A rendered scene: four tag36h11 cards that move, turn, tilt and change their size before a
+//! textured wall.
 //!
-//! Everything is a pure function of the frame's number and the time it shows, so that whoever knows both knows the truth
-//! ([`Scene::tags_at`]) to compare detections with. The cards are seen through a pinhole; each pixel is the mean of what
-//! it covers, so that edges lie where they belong to a fraction of a pixel.
+//! All functions are pure. The frame's number and its time determine the picture and the ground
+//! truth ([`Scene::tags_at`]) that detections can be compared with. The cards are projected
+//! through a pinhole. Each pixel is the mean of the area that it covers, so that edges are exact
+//! to a fraction of a pixel.
 //!
-//! Pixel coordinates are the detector's: the image's upper left corner is (0, 0), the first pixel's centre (0.5, 0.5).
+//! Pixel coordinates are the detector's: the upper left corner of the image is (0, 0) and the
+//! centre of its first pixel (0.5, 0.5).
 
 use crate::tag::{BORDER_CELLS, Pattern};
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
-/// The tags in the scene, by their number in the family.
+/// The scene's tags by their number in the family.
 pub const TAG_IDS: [u32; 4] = [3, 42, 117, 586];
 
 /// Widths that can be rendered, pixels.
@@ -22,31 +25,31 @@ pub const HEIGHTS: RangeInclusive<u32> = 240..=4320;
 const WHITE: u8 = 225;
 const BLACK: u8 = 30;
 
-/// The card's half side; that of the tag's black border is 1.
+/// Half of a card's side, in units of half of the black border's side.
 const CARD: f64 = 1.5;
 
-/// Cells in a length of 1.
+/// Cells per unit of length.
 const HALF_BORDER: f64 = BORDER_CELLS as f64 / 2.0;
 
-/// The pattern's number of the cell at the card's edge: the border's first has number 1.
+/// The pattern's index of the cell at the card's edge; the border's first cell has index 1.
 const FIRST_CELL: i32 = 1 - ((CARD - 1.0) * HALF_BORDER) as i32;
 
-/// Points along a pixel's side at which a pixel that shows more than one thing is sampled.
+/// Samples along a pixel's side, for a pixel that covers more than one cell.
 const SAMPLES: u32 = 4;
 
 const NOISE_LENGTH: usize = 1 << 16;
 
-/// A tag and where it is seen.
+/// A tag and its place in the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlacedTag {
-    /// Its number in the family.
+    /// The tag's number in its family.
     pub id: u32,
-    /// Its centre, pixels.
+    /// Centre, pixels.
     pub centre: [f64; 2],
-    /// The corners of its black border in the detector's order: of an upright tag the lower left, lower right, upper
-    /// right, upper left.
+    /// Corners of the black border in the detector's order: lower left, lower right, upper right,
+    /// upper left for an upright tag.
     pub corners: [[f64; 2]; 4],
-    /// From the tag's plane (the border's corners at ±1, y down) to pixels; row-major.
+    /// Maps the tag's plane, with the border's corners at ±1 and y down, to pixels; row-major.
     pub homography: [f64; 9],
 }
 
@@ -61,14 +64,14 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Prepares the scene for pictures of that size.
+    /// Prepares a scene of this size.
     ///
     /// # Panics
     /// When the size is outside [`WIDTHS`] and [`HEIGHTS`].
     pub fn new(width: u32, height: u32) -> Scene {
         assert!(
             WIDTHS.contains(&width) && HEIGHTS.contains(&height),
-            "a scene of {width}x{height} pixels; possible are {WIDTHS:?} by {HEIGHTS:?}"
+            "expected a scene size within {WIDTHS:?} by {HEIGHTS:?} pixels, got: {width}x{height}"
         );
         Scene {
             width,
@@ -89,7 +92,7 @@ impl Scene {
         self.height
     }
 
-    /// The truth: where the tags are at a time, seconds.
+    /// Returns the ground truth: the places of the tags at a time in seconds.
     pub fn tags_at(&self, seconds: f64) -> [PlacedTag; TAG_IDS.len()] {
         std::array::from_fn(|index| self.placed(index, seconds))
     }
@@ -110,7 +113,8 @@ impl Scene {
         }
     }
 
-    /// Renders frame number `frame`, which shows the scene at `seconds`, into `pixels`, row after row without a gap.
+    /// Renders frame number `frame`, which shows the scene at `seconds`, into `pixels`, without
+    /// padding between rows.
     ///
     /// # Panics
     /// When `pixels` is not width × height bytes long.
@@ -122,7 +126,8 @@ impl Scene {
         self.add_noise(frame, pixels);
     }
 
-    /// Row by row: the cells at the pixels' upper corners are those at the lower corners of the row before.
+    /// Draws a card row by row. The cells at a row's upper corners are those at the lower corners
+    /// of the previous row, and are computed once.
     fn draw(&self, tag: &PlacedTag, pattern: &Pattern, pixels: &mut [u8]) {
         let to_tag = inverse(&tag.homography);
         let (columns, rows) = self.bounds(tag);
@@ -148,7 +153,7 @@ impl Scene {
         }
     }
 
-    /// The columns and rows that the card may touch.
+    /// Returns the columns and rows that the card may touch.
     fn bounds(&self, tag: &PlacedTag) -> (std::ops::Range<u32>, std::ops::Range<u32>) {
         let ends = [(-CARD, -CARD), (-CARD, CARD), (CARD, -CARD), (CARD, CARD)]
             .map(|(x, y)| project(&tag.homography, x, y));
@@ -171,19 +176,20 @@ impl Scene {
     }
 }
 
-/// How a card is held before the camera.
+/// The pose of a card.
 struct Pose {
-    /// Where its centre is within its quarter of the image, -1..1.
+    /// The centre within the card's quarter of the image, -1..1.
     place: [f64; 2],
-    /// Its size, 1 at the nearest.
+    /// Size relative to the largest.
     scale: f64,
-    /// Turned in the image plane, radians.
+    /// Rotation in the image plane, radians.
     roll: f64,
-    /// Tilted about its vertical and horizontal axes, radians.
+    /// Rotation about the card's vertical and horizontal axes, radians.
     tilt: [f64; 2],
 }
 
-/// Each card moves in its own quarter of the image, so that none hides another.
+/// Returns the pose of a card. Each card moves in its own quarter of the image, so that none
+/// covers another.
 fn pose(index: usize, seconds: f64) -> Pose {
     let phase = index as f64 * 1.7;
     let wave = |period: f64, shift: f64| (TAU * seconds / period + phase + shift).sin();
@@ -200,7 +206,8 @@ fn pose(index: usize, seconds: f64) -> Pose {
 }
 
 impl Pose {
-    /// The pinhole's image of the card: columns of rotation and translation, in pixels.
+    /// Returns the pinhole projection of the card: columns of rotation and translation, in
+    /// pixels.
     fn homography(&self, width: u32, height: u32, index: usize) -> [f64; 9] {
         let (width, height) = (f64::from(width), f64::from(height));
         let quarter = (width / 2.0).min(height / 2.0);
@@ -231,7 +238,8 @@ impl Pose {
         ]
     }
 
-    /// The directions of the card's right edge and lower edge in the camera's coordinates (x right, y down, z ahead).
+    /// Returns the directions of the card's right and lower edges in camera coordinates (x right,
+    /// y down, z ahead).
     fn axes(&self) -> [[f64; 3]; 2] {
         let (roll_sin, roll_cos) = self.roll.sin_cos();
         let tilted = |[x, y]: [f64; 2]| {
@@ -256,7 +264,7 @@ fn project(homography: &[f64; 9], x: f64, y: f64) -> [f64; 2] {
     ]
 }
 
-/// The inverse up to a factor, which is all that projecting needs: the adjugate.
+/// Returns the adjugate, the inverse up to a factor that projection does not need.
 fn inverse(h: &[f64; 9]) -> [f64; 9] {
     let minor = |a: usize, b: usize, c: usize, d: usize| h[a] * h[d] - h[b] * h[c];
     [
@@ -272,13 +280,14 @@ fn inverse(h: &[f64; 9]) -> [f64; 9] {
     ]
 }
 
-/// A cell of the card's grid, or `None` beside the card.
+/// A cell of the card's grid, or `None` outside the card.
 type Cell = Option<(i32, i32)>;
 
 fn cell_at(to_tag: &[f64; 9], x: f64, y: f64) -> Cell {
     let [u, v] = project(to_tag, x, y);
     let inside = u.abs() <= CARD && v.abs() <= CARD;
-    // From the card's edge on, where no number is negative: a cast rounds down, and faster than `floor` does.
+    // Relative to the card's edge no number is negative, so that a cast rounds down, faster than
+    // `floor`.
     let cell = |part: f64| ((part + CARD) * HALF_BORDER) as i32 + FIRST_CELL;
     inside.then(|| (cell(v), cell(u)))
 }
@@ -291,21 +300,22 @@ fn grey_of(cell: Cell, pattern: &Pattern, behind: u8) -> u8 {
     }
 }
 
-/// The cells at the left corners of the pixels `from..to` of a row, and at the right corner of the last.
+/// Returns the cells at the left corners of the pixels `from..to` of a row, and at the right
+/// corner of the last one.
 fn cells_along(to_tag: &[f64; 9], from: u32, to: u32, y: u32) -> Vec<Cell> {
     (from..=to)
         .map(|x| cell_at(to_tag, f64::from(x), f64::from(y)))
         .collect()
 }
 
-/// The cell of all four corners of a pixel: cells and pixels are convex, so the whole pixel lies in it. A tip of the card
-/// that ends within a pixel is lost by this.
+/// Returns the common cell of a pixel's four corners. Cells and pixels are convex, so the whole
+/// pixel lies in that cell. A corner of the card that ends within a pixel is not drawn.
 fn uniform(corners: [Cell; 4]) -> Option<Cell> {
     let same = corners.iter().all(|&corner| corner == corners[0]);
     same.then_some(corners[0])
 }
 
-/// The mean of what a pixel covers.
+/// Returns the mean grey of the area that a pixel covers.
 fn mean(to_tag: &[f64; 9], pattern: &Pattern, x: u32, y: u32, behind: u8) -> u8 {
     let at = |part: u32, step: u32| f64::from(part) + (f64::from(step) + 0.5) / f64::from(SAMPLES);
     let points = (0..SAMPLES).flat_map(|row| (0..SAMPLES).map(move |column| (column, row)));
@@ -316,7 +326,8 @@ fn mean(to_tag: &[f64; 9], pattern: &Pattern, x: u32, y: u32, behind: u8) -> u8 
     ((sum + SAMPLES * SAMPLES / 2) / (SAMPLES * SAMPLES)) as u8
 }
 
-/// A plain wall with patches of rough plaster: a detector has something to look at, and not everywhere.
+/// Renders a plain wall with patches of rough plaster, so that parts of the picture give the
+/// detector work.
 fn wall(width: u32, height: u32) -> Vec<u8> {
     let grey = |x: u32, y: u32| {
         let patch = (4.0 * blotch(x, y, 150) - 0.4).clamp(0.0, 1.0);
@@ -328,7 +339,8 @@ fn wall(width: u32, height: u32) -> Vec<u8> {
         .collect()
 }
 
-/// Smooth noise, -0.5..0.5: random values on a grid of that size with soft passages between them.
+/// Returns smooth noise, -0.5..0.5: interpolated random values on a grid of cells of `size`
+/// pixels.
 fn blotch(x: u32, y: u32, size: u32) -> f64 {
     let smooth = |part: u32| {
         let t = f64::from(part % size) / f64::from(size);
@@ -347,7 +359,7 @@ fn lerp(from: f64, to: f64, t: f64) -> f64 {
     from + (to - from) * t
 }
 
-/// A sensor's noise, bell-shaped, mostly one grey level up or down.
+/// Returns a sensor's noise: bell-shaped, mostly one grey level up or down.
 fn noise() -> Vec<i8> {
     (0..NOISE_LENGTH as u64)
         .map(|index| {
@@ -358,7 +370,7 @@ fn noise() -> Vec<i8> {
         .collect()
 }
 
-/// SplitMix64's mixing: all that is random here, the same at every start.
+/// SplitMix64's mixing function, the only source of randomness, the same at each start.
 fn hash(key: u64) -> u64 {
     let mut z = key.wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -8,20 +8,21 @@ pub const CELLS: usize = 10;
 /// Cells along a side of the black border, whose corners a detector reports.
 pub const BORDER_CELLS: usize = 8;
 
-/// One tag: which of its cells are white, row by row from the top.
+/// The pattern of one tag: whether each cell is white, row by row from the top.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Pattern {
     white: [[bool; CELLS]; CELLS],
 }
 
 impl Pattern {
-    /// The tag36h11 with number `id`; `None` when the family has none.
+    /// Returns the tag36h11 with number `id`, or `None` when the family has no such tag.
     pub fn tag36h11(id: u32) -> Option<Pattern> {
         let family = Family::tag36h11();
         (id < family.count()).then(|| family.draw(id))
     }
 
-    /// Whether the cell in that row and column is white; all around the pattern is.
+    /// Returns whether the cell in this row and column is white. All cells outside the pattern
+    /// are.
     pub fn is_white(&self, row: i32, column: i32) -> bool {
         let row = usize::try_from(row)
             .ok()
@@ -31,27 +32,27 @@ impl Pattern {
     }
 }
 
-/// The library's family, freed with its owner.
+/// The library's tag family, destroyed on drop.
 struct Family(*mut sys::apriltag_family_t);
 
 impl Family {
     fn tag36h11() -> Family {
-        // SAFETY: the function has no precondition; it returns a family that is ours to destroy.
+        // SAFETY: the function has no precondition; it returns a family that we own.
         let family = unsafe { sys::tag36h11_create() };
         assert!(!family.is_null(), "out of memory");
         Family(family)
     }
 
     fn count(&self) -> u32 {
-        // SAFETY: the pointer is a family that `tag36h11_create` made and only `drop` destroys.
+        // SAFETY: the pointer came from `tag36h11_create`, and only `drop` destroys it.
         unsafe { (*self.0).ncodes }
     }
 
     fn draw(&self, id: u32) -> Pattern {
-        // SAFETY: the family is alive and its caller has checked `id` against `count`.
+        // SAFETY: the family is alive, and the caller has checked `id` against `count`.
         let image = unsafe { sys::apriltag_to_image(self.0, id as i32) };
         let pattern = read(image);
-        // SAFETY: `apriltag_to_image` gave the image to us, and nobody has destroyed it yet.
+        // SAFETY: `apriltag_to_image` passed ownership of the image, which is not destroyed yet.
         unsafe { sys::image_u8_destroy(image) };
         pattern
     }
@@ -59,13 +60,13 @@ impl Family {
 
 impl Drop for Family {
     fn drop(&mut self) {
-        // SAFETY: the pointer came from `tag36h11_create` and is destroyed this once.
+        // SAFETY: the pointer came from `tag36h11_create` and is destroyed only here.
         unsafe { sys::tag36h11_destroy(self.0) };
     }
 }
 
 fn read(image: *const sys::image_u8_t) -> Pattern {
-    // SAFETY: `image` is what `apriltag_to_image` has just returned, alive and written by nobody.
+    // SAFETY: `image` came from `apriltag_to_image`; it is alive and nothing writes to it.
     let image = unsafe { &*image };
     let (width, height, stride) = (
         image.width as usize,

@@ -1,4 +1,4 @@
-//! How the camera is called, and what it says to a wrong call.
+//! The camera's command line and its usage errors.
 
 use camera::options::{Call, HELP, Options, Picture};
 use program::Failure;
@@ -56,8 +56,8 @@ fn photographs_take_the_place_of_the_scene() {
 }
 
 #[test]
-fn values_out_of_range_are_refused_with_the_range() {
-    for (option, value, accepted) in [
+fn the_error_for_a_value_out_of_range_names_the_range() {
+    for (option, value, expected) in [
         ("--rate", "0", "0.01 to 1000"),
         ("--rate", "-1", "0.01 to 1000"),
         ("--rate", "inf", "0.01 to 1000"),
@@ -66,13 +66,14 @@ fn values_out_of_range_are_refused_with_the_range() {
         ("--height", "4321", "240 to 4320"),
         ("--slots", "3", "power of two from 2 to 64"),
         ("--slots", "1", "power of two from 2 to 64"),
-        ("--topic", "a/b", "1 to 200 of A-Z"),
-        ("--topic", "", "1 to 200 of A-Z"),
+        ("--topic", "a/b", "1 to 200 characters of A-Z"),
+        ("--topic", "", "1 to 200 characters of A-Z"),
     ] {
         let text = refusal(&["--topic", "c", option, value]);
-        let start = format!("{option} was given {value:?}; accepted: ");
+        let start = format!("invalid value for {option} option: expected ");
+        let end = format!("got: {value:?}");
         assert!(
-            text.starts_with(&start) && text.contains(accepted),
+            text.starts_with(&start) && text.contains(expected) && text.ends_with(&end),
             "{text}"
         );
     }
@@ -80,7 +81,7 @@ fn values_out_of_range_are_refused_with_the_range() {
 
 #[test]
 fn a_call_without_a_topic_is_refused() {
-    assert!(refusal(&[]).starts_with("--topic is missing"));
+    assert!(refusal(&[]).starts_with("--topic option is missing"));
 }
 
 #[test]
@@ -93,7 +94,7 @@ fn photographs_with_a_size_are_refused() {
 }
 
 #[test]
-fn help_tells_of_every_option() {
+fn help_lists_every_option() {
     for help in ["-h", "--help"] {
         assert_eq!(Call::parse([help]), Ok(Call::Help));
     }
@@ -101,9 +102,11 @@ fn help_tells_of_every_option() {
         assert_eq!(Call::parse([version]), Ok(Call::Version));
     }
     let unknown = refusal(&["--nonsense"]);
-    let (_, accepted) = unknown.split_once("accepted: ").expect("what is accepted");
-    for option in accepted.split(' ') {
-        let stands = |before: &str| HELP.contains(&format!("{before}{option}"));
-        assert!(stands("  ") || stands(", "), "{option}");
+    let (_, known) = unknown
+        .split_once("expected one of: ")
+        .expect("the known options");
+    for option in known.split(' ') {
+        let listed = |before: &str| HELP.contains(&format!("{before}{option}"));
+        assert!(listed("  ") || listed(", "), "{option}");
     }
 }

@@ -1,4 +1,4 @@
-//! Photographs from files: their own grey, their order, and what is said of those that cannot be read.
+//! Photographs from files: grey values, order, and errors for files that cannot be read.
 
 #[path = "../../program/tests/support/shared_data.rs"]
 mod shared_data;
@@ -8,7 +8,7 @@ use shared_data::tags_folder;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A folder of its own for one test.
+/// Creates a folder for one test.
 fn folder(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let _ = fs::remove_dir_all(&folder);
@@ -82,7 +82,7 @@ fn a_png_of_16_or_1_bits_becomes_one_of_8() {
 }
 
 #[test]
-fn colours_are_weighed_as_jpeg_weighs_them_and_transparency_is_ignored() {
+fn colours_are_converted_with_jpegs_weights_and_transparency_is_ignored() {
     let colours = [255, 0, 0, 0, 255, 0, 0, 0, 255, 255, 255, 255];
     let read = read_png(png::ColorType::Rgb, png::BitDepth::Eight, (4, 1), &colours);
     assert_eq!(read.pixels, [76, 150, 29, 255]);
@@ -103,7 +103,7 @@ fn colours_are_weighed_as_jpeg_weighs_them_and_transparency_is_ignored() {
 }
 
 #[test]
-fn a_folder_is_read_in_the_order_of_names_and_other_files_are_passed_over() {
+fn a_folder_is_read_in_the_order_of_names_and_other_files_are_skipped() {
     let folder = folder("order");
     write_grey(&folder.join("c.png"), 3);
     write_grey(&folder.join("a.PNG"), 1);
@@ -120,7 +120,7 @@ fn a_folder_is_read_in_the_order_of_names_and_other_files_are_passed_over() {
 }
 
 #[test]
-fn a_folder_that_is_missing_or_has_no_photographs_is_named() {
+fn the_error_for_a_missing_or_empty_folder_names_it() {
     let empty = folder("empty");
     let error = photographs::read_folder(&empty).unwrap_err();
     assert!(matches!(error, PhotographError::NoneIn(_)));
@@ -133,7 +133,7 @@ fn a_folder_that_is_missing_or_has_no_photographs_is_named() {
 }
 
 #[test]
-fn a_file_where_a_folder_belongs_is_named() {
+fn a_file_instead_of_a_folder_is_an_error() {
     let file = folder("file").join("a.png");
     write_grey(&file, 1);
     let error = photographs::read_folder(&file).unwrap_err();
@@ -141,7 +141,7 @@ fn a_file_where_a_folder_belongs_is_named() {
 }
 
 #[test]
-fn one_photograph_that_cannot_be_read_spoils_the_folder_and_is_named() {
+fn one_photograph_that_cannot_be_read_is_an_error_that_names_it() {
     let png = {
         let path = folder("whole").join("a.png");
         write_png(

@@ -1,4 +1,4 @@
-//! The camera as a process: what arrives on its ring topic, how it fails and how it ends.
+//! The camera as a process: its messages on the ring, its failures and its end.
 
 #[path = "../../program/tests/support/process.rs"]
 mod process;
@@ -34,7 +34,7 @@ fn write_grey(path: &Path, width: u32, height: u32, grey: u8) {
 }
 
 #[test]
-fn frames_of_the_scene_arrive_in_order_and_show_what_their_number_says() {
+fn frames_of_the_scene_arrive_in_order_and_show_the_time_of_their_number() {
     let topic = unique_topic("scene");
     let mut subscriber = subscribe(&topic);
     let started_ns = clock::now_ns();
@@ -61,7 +61,7 @@ fn frames_of_the_scene_arrive_in_order_and_show_what_their_number_says() {
 }
 
 #[test]
-fn photographs_of_several_sizes_come_round_and_round_by_name() {
+fn photographs_of_several_sizes_loop_in_the_order_of_their_names() {
     let folder = folder("sizes");
     write_grey(&folder.join("b.png"), 40, 20, 2);
     write_grey(&folder.join("a.png"), 3, 5, 1);
@@ -105,7 +105,7 @@ fn sigterm_ends_it_with_its_topic_closed() {
 }
 
 #[test]
-fn the_end_of_stdin_ends_it_when_that_was_asked_for() {
+fn the_end_of_stdin_ends_it_with_exit_with_stdin() {
     let topic = unique_topic("stdin");
     let mut subscriber = subscribe(&topic);
     let mut camera = start(&topic, &["--rate", "0.01", "--exit-with-stdin"]);
@@ -117,7 +117,7 @@ fn the_end_of_stdin_ends_it_when_that_was_asked_for() {
 }
 
 #[test]
-fn the_end_of_stdin_is_nothing_to_it_otherwise() {
+fn the_end_of_stdin_is_ignored_without_exit_with_stdin() {
     let topic = unique_topic("no_stdin");
     let mut subscriber = subscribe(&topic);
     let mut camera = start(&topic, &["--rate", "50"]);
@@ -128,7 +128,7 @@ fn the_end_of_stdin_is_nothing_to_it_otherwise() {
 }
 
 #[test]
-fn a_camera_that_was_killed_is_followed_by_the_next_on_the_same_topic() {
+fn a_camera_takes_over_the_topic_of_a_killed_one() {
     let topic = unique_topic("killed");
     let mut subscriber = subscribe(&topic);
     let first = start(&topic, &["--rate", "50"]);
@@ -145,7 +145,7 @@ fn a_camera_that_was_killed_is_followed_by_the_next_on_the_same_topic() {
 }
 
 #[test]
-fn help_is_an_answer_and_no_failure() {
+fn help_exits_with_status_0() {
     let ended = call(CAMERA, &["--help"]);
     assert_eq!(
         (ended.status, ended.stdout.as_str()),
@@ -154,7 +154,7 @@ fn help_is_an_answer_and_no_failure() {
 }
 
 #[test]
-fn a_wrong_call_is_one_line_and_status_2() {
+fn a_usage_error_is_one_line_and_status_2() {
     for arguments in [
         &["--rate", "0", "--topic", "x"][..],
         &["--nonsense"],
@@ -183,7 +183,7 @@ fn a_photograph_that_cannot_be_read_is_one_line_and_status_1_and_nothing_is_publ
 }
 
 #[test]
-fn a_check_needs_no_topic_and_says_the_same_of_photographs() {
+fn a_check_needs_no_topic_and_reports_the_same_errors() {
     let folder = folder("checked");
     write_grey(&folder.join("a.png"), 3, 5, 1);
     let check = ["--check", "--frames", folder.to_str().unwrap()];
@@ -219,7 +219,7 @@ fn a_topic_with_a_live_publisher_is_one_line_and_status_1() {
 }
 
 #[test]
-fn a_removed_topic_is_made_anew_between_two_frames_that_are_far_apart() {
+fn a_removed_topic_is_created_again_between_two_frames_that_are_far_apart() {
     let topic = unique_topic("removed");
     let mut subscriber = subscribe(&topic);
     let _camera = start(&topic, &["--rate", "0.01"]);

@@ -1,4 +1,4 @@
-//! What the rendered scene promises to those who compare with it.
+//! Properties of the rendered scene that comparisons rely on.
 
 use camera::scene::{PlacedTag, Scene, TAG_IDS};
 
@@ -26,7 +26,7 @@ fn a_frame_is_the_same_whenever_it_is_rendered() {
 }
 
 #[test]
-fn at_least_three_tags_with_numbers_of_their_own_are_there() {
+fn at_least_three_tags_with_different_numbers_are_in_the_scene() {
     let mut ids = TAG_IDS.to_vec();
     ids.sort();
     ids.dedup();
@@ -68,7 +68,7 @@ fn tags_move_smoothly() {
     }
 }
 
-/// How much a measure of each tag changes over time, the least of all tags.
+/// Returns how much a measure of each tag changes over time: the least of all tags.
 fn least_spread(measure: impl Fn(&PlacedTag) -> f64) -> f64 {
     let scene = Scene::new(640, 480);
     let spread = |index: usize| {
@@ -101,7 +101,7 @@ fn every_tag_moves_turns_changes_its_size_and_is_seen_in_perspective() {
 }
 
 #[test]
-fn within_a_tags_corners_it_is_dark_and_without_it_is_bright() {
+fn pixels_inside_a_tags_corners_are_dark_and_outside_they_are_bright() {
     let scene = Scene::new(640, 480);
     let pixels = picture(&scene, 10);
     let grey = |[x, y]: [f64; 2]| pixels[y as usize * 640 + x as usize];
@@ -117,7 +117,7 @@ fn within_a_tags_corners_it_is_dark_and_without_it_is_bright() {
 }
 
 #[test]
-#[should_panic(expected = "a scene of 100x100 pixels")]
-fn a_size_that_cannot_be_is_named() {
+#[should_panic(expected = "got: 100x100")]
+fn the_panic_for_an_impossible_size_names_it() {
     Scene::new(100, 100);
 }

@@ -1,4 +1,4 @@
-//! Where the pictures come from.
+//! The pictures that the camera shows.
 
 use crate::options::Picture;
 use crate::photographs::{self, Photograph};
@@ -6,48 +6,51 @@ use crate::scene::Scene;
 use program::Failure;
 use std::fmt;
 
-/// A source of grey pictures.
-pub enum Source {
+/// A sequence of grey pictures.
+pub enum Pictures {
     /// The rendered scene.
     Scene {
-        /// What is rendered.
+        /// The scene.
         scene: Box<Scene>,
-        /// Frames a second of its time.
+        /// Frames per second of the scene's time.
         rate_hz: f64,
-        /// The last picture.
+        /// Buffer for the last picture.
         pixels: Vec<u8>,
     },
-    /// Photographs, round and round.
+    /// Photographs, in a loop.
     Photographs(Vec<Photograph>),
 }
 
-impl Source {
-    /// Prepares the pictures; photographs are all read here.
-    pub fn open(picture: &Picture, rate_hz: f64) -> Result<Source, Failure> {
+impl Pictures {
+    /// Prepares the pictures. Reads all photographs.
+    ///
+    /// # Errors
+    /// [`Failure::Runtime`] when a photograph cannot be read.
+    pub fn open(picture: &Picture, rate_hz: f64) -> Result<Pictures, Failure> {
         match picture {
-            Picture::Scene { width, height } => Ok(Source::Scene {
+            Picture::Scene { width, height } => Ok(Pictures::Scene {
                 scene: Box::new(Scene::new(*width, *height)),
                 rate_hz,
                 pixels: vec![0; *width as usize * *height as usize],
             }),
             Picture::Photographs(folder) => photographs::read_folder(folder)
-                .map(Source::Photographs)
+                .map(Pictures::Photographs)
                 .map_err(|error| Failure::Runtime(error.to_string())),
         }
     }
 
-    /// Bytes of the largest picture.
+    /// Returns the size of the largest picture in bytes.
     pub fn largest(&self) -> usize {
         match self {
-            Source::Scene { pixels, .. } => pixels.len(),
-            Source::Photographs(all) => all.iter().map(|one| one.pixels.len()).max().unwrap_or(0),
+            Pictures::Scene { pixels, .. } => pixels.len(),
+            Pictures::Photographs(all) => all.iter().map(|one| one.pixels.len()).max().unwrap_or(0),
         }
     }
 
-    /// Picture number `number`: width, height and pixels.
+    /// Returns width, height and pixels of picture number `number`.
     pub fn take(&mut self, number: u64) -> (u32, u32, &[u8]) {
         match self {
-            Source::Scene {
+            Pictures::Scene {
                 scene,
                 rate_hz,
                 pixels,
@@ -55,7 +58,7 @@ impl Source {
                 scene.render(number, number as f64 / *rate_hz, pixels);
                 (scene.width(), scene.height(), pixels)
             }
-            Source::Photographs(all) => {
+            Pictures::Photographs(all) => {
                 let one = &all[(number % all.len() as u64) as usize];
                 (one.width, one.height, &one.pixels)
             }
@@ -63,14 +66,14 @@ impl Source {
     }
 }
 
-impl fmt::Display for Source {
+impl fmt::Display for Pictures {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Source::Scene { scene, .. } => {
+            Pictures::Scene { scene, .. } => {
                 write!(f, "a scene of {}x{} pixels", scene.width(), scene.height())
             }
-            Source::Photographs(all) if all.len() == 1 => f.write_str("1 photograph"),
-            Source::Photographs(all) => write!(f, "{} photographs", all.len()),
+            Pictures::Photographs(all) if all.len() == 1 => f.write_str("1 photograph"),
+            Pictures::Photographs(all) => write!(f, "{} photographs", all.len()),
         }
     }
 }
