@@ -1,127 +1,103 @@
-//! A process that sees AprilTags: frames come in on one ring topic, detections go out on another.
+//! The detector program: it reads frames from one ring topic and publishes the AprilTags that it
+//! finds on another.
 //!
-//! It looks at the newest frame and skips those that came while it was busy, so that what it says is always fresh. Each
-//! frame that was looked at gives one message, also when no tag is in it. Beside the tags stands how fast the robot
-//! turned when the frame was captured, if an inertial unit's topic was given: a picture taken in a fast turn deserves
-//! less trust.
+//! The detector reads the newest frame and skips frames that arrived while it worked, so that its
+//! results are always fresh. It publishes one message per frame, even without a tag. With an
+//! inertial measurement unit's topic, the message includes the robot's angular speed at the
+//! frame's capture time: a picture taken in a fast turn is less reliable.
 //!
-//! Camera and inertial unit may come later, go and come back. A frame that cannot be used is counted, complained about
-//! once in a while, and skipped. The library is the program; `main` only calls it.
+//! Camera and inertial measurement unit may start later, stop and start again. A frame that
+//! cannot be used is counted, logged at a limited rate and skipped. The library is the program;
+//! `main` only calls it.
 
-pub mod complaint;
-pub mod eye;
-pub mod gyro;
+pub mod detector;
+pub mod imu_follower;
+pub mod log_limit;
 pub mod motion;
 pub mod options;
+mod rejection;
+mod report;
 
-use complaint::Complaints;
+pub use rejection::Rejection;
+pub use report::MOST_DETECTIONS;
+
 use conduit_ring::{
     ContentTag, Geometry, Meta, Policy, Publisher, PublisherOptions, Read, Subscriber,
     SubscriberOptions, Topic, clock,
 };
-use eye::{Eye, LookError};
-use ganglion_messages::frame::{self, CLOCK_MONOTONIC_RAW, Frame, FrameError, FrameHeader};
-use ganglion_messages::stamp::Stamp;
-use ganglion_messages::tags::{self, FrameSource, TagDetection, TagDetections, largest_message};
-use gyro::Gyro;
+use detector::TagDetector;
+use ganglion_messages::frame::Frame;
+use ganglion_messages::tags::{self, FrameSource, TagDetections};
+use imu_follower::ImuFollower;
+use log_limit::LogLimit;
 use options::Options;
 use program::stop::Stop;
 use program::{Failure, Log};
 use std::fmt;
 use std::time::{Duration, Instant};
 
-/// The most tags in a message; of more the clearest are kept.
-pub const MOST_DETECTIONS: usize = 64;
-
-/// Messages that the ring of detections holds.
+/// Slots of the detections' ring.
 const DEPTH: u32 = 16;
 
-const LONGEST_FAMILY: usize = 16;
-const LONGEST_TOPIC: usize = 200;
-/// Between two looks after the detections' topic, whatever comes of the frames.
-const LOOKS: Duration = Duration::from_millis(250);
+/// The pause between two checks of the detections' topic, with frames or without.
+const CHECK_PERIOD: Duration = Duration::from_millis(250);
 const PAUSE_AFTER_ERROR: Duration = Duration::from_millis(100);
 
-/// Why a message of the frames' topic was not looked at.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Refusal {
-    /// The topic says that its messages are something else: its content tag.
-    NotFrames(u64),
-    /// The message is not a frame.
-    Frame(FrameError),
-    /// The frame cannot be looked at.
-    Look(LookError),
-}
-
-impl fmt::Display for Refusal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Refusal::NotFrames(tag) => write!(
-                f,
-                "its content tag {tag:016x} is not that of {}",
-                frame::ENCODING
-            ),
-            Refusal::Frame(error) => error.fmt(f),
-            Refusal::Look(error) => error.fmt(f),
-        }
-    }
-}
-
-/// Looks for tags until the stop is requested.
+/// Detects tags until the stop is requested.
 ///
 /// # Errors
-/// A detections' topic that has a live publisher; a topic that cannot be opened.
+/// [`Failure::Runtime`] when the detections' topic has a live publisher, or when a topic cannot
+/// be opened.
 pub fn run(options: &Options, stop: &Stop, log: Log) -> Result<(), Failure> {
     let publisher = publisher(&options.detections)?;
     let frames = subscriber(&options.frames)?;
     let waker = frames.waker();
     stop.on_request(move || waker.wake());
-    let gyro = gyro(options.imu.as_ref(), stop, log)?;
+    let imu = follow_imu(options.imu.as_ref(), stop, log)?;
     log.line(format_args!(
-        "looking for {} on ring topic {:?}, telling on {:?}",
+        "detecting {} on ring topic {:?}, publishing on {:?}",
         options.settings.family,
         options.frames.name(),
         options.detections.name()
     ));
-    let mut watch = Watch {
-        eye: Eye::new(options.settings.clone()),
+    let mut worker = Worker {
+        detector: TagDetector::new(options.settings.clone()),
         frames,
-        gyro,
+        imu,
         publisher,
-        next_look: Instant::now(),
+        next_check: Instant::now(),
         log,
-        refused: Complaints::default(),
-        troubles: Complaints::default(),
-        looked_at: 0,
+        rejections: LogLimit::default(),
+        errors: LogLimit::default(),
+        detected_frames: 0,
         message: Vec::new(),
         report: Vec::new(),
     };
-    watch.until(stop);
+    worker.run_until(stop);
     log.line(format_args!(
-        "stopped after {} frames, {} refused",
-        watch.looked_at,
-        watch.refused.total()
+        "stopped after {} frames, {} rejected",
+        worker.detected_frames,
+        worker.rejections.total()
     ));
-    watch.gyro.join();
+    worker.imu.join();
     Ok(())
 }
 
-fn gyro(topic: Option<&Topic>, stop: &Stop, log: Log) -> Result<Gyro, Failure> {
+fn follow_imu(topic: Option<&Topic>, stop: &Stop, log: Log) -> Result<ImuFollower, Failure> {
     let Some(topic) = topic else {
-        return Ok(Gyro::default());
+        return Ok(ImuFollower::default());
     };
-    Gyro::follow(topic, stop, log)
-        .map_err(|error| Failure::Runtime(format!("no thread can be started: {error}")))
+    ImuFollower::start(topic, stop, log)
+        .map_err(|error| Failure::Runtime(format!("could not start a thread: {error}")))
 }
 
 fn publisher(topic: &Topic) -> Result<Publisher, Failure> {
-    let largest = largest_message(MOST_DETECTIONS, LONGEST_FAMILY, LONGEST_TOPIC);
     let options = PublisherOptions {
-        geometry: Geometry::depth(DEPTH, largest as u32).map_err(world)?,
+        geometry: Geometry::depth(DEPTH, report::LARGEST_MESSAGE as u32).map_err(runtime)?,
         content: ContentTag::of(tags::ENCODING),
         ..PublisherOptions::default()
     };
-    Publisher::open(topic, &options).map_err(world)
+    Publisher::open(topic, &options).map_err(runtime)
 }
 
 fn subscriber(topic: &Topic) -> Result<Subscriber, Failure> {
@@ -129,214 +105,102 @@ fn subscriber(topic: &Topic) -> Result<Subscriber, Failure> {
         policy: Policy::Latest,
         ..SubscriberOptions::default()
     };
-    Subscriber::open(topic, &options).map_err(world)
+    Subscriber::open(topic, &options).map_err(runtime)
 }
 
-fn world(error: impl std::error::Error) -> Failure {
+fn runtime(error: impl std::error::Error) -> Failure {
     Failure::Runtime(error.to_string())
 }
 
-/// The watch over the frames.
-struct Watch {
-    eye: Eye,
+/// The loop that reads frames and publishes detections.
+struct Worker {
+    detector: TagDetector,
     frames: Subscriber,
-    gyro: Gyro,
+    imu: ImuFollower,
     publisher: Publisher,
-    next_look: Instant,
+    next_check: Instant,
     log: Log,
-    refused: Complaints,
-    troubles: Complaints,
-    looked_at: u64,
+    rejections: LogLimit,
+    errors: LogLimit,
+    detected_frames: u64,
     message: Vec<u8>,
     report: Vec<u8>,
 }
 
-impl Watch {
-    fn until(&mut self, stop: &Stop) {
+impl Worker {
+    fn run_until(&mut self, stop: &Stop) {
         while !stop.requested() {
-            self.look_after_topic();
-            let read = self.frames.read_timeout(&mut self.message, LOOKS);
-            match read {
-                Ok(Read::Message(meta)) => self.take(meta),
-                Ok(Read::PublisherUp) => self.log.line("the camera is there"),
-                Ok(Read::PublisherDown) => self.log.line("the camera is gone"),
+            self.check_topic();
+            match self.frames.read_timeout(&mut self.message, CHECK_PERIOD) {
+                Ok(Read::Message(meta)) => self.handle(meta),
+                Ok(Read::PublisherUp) => self.log.line("camera started"),
+                Ok(Read::PublisherDown) => self.log.line("camera stopped"),
                 Ok(Read::Nothing) => {}
                 Err(error) => {
-                    complain(self.log, &mut self.troubles, error);
+                    log_limited(self.log, &mut self.errors, error);
                     stop.wait_until(Instant::now() + PAUSE_AFTER_ERROR);
                 }
             }
         }
     }
 
-    /// What a look finds wrong is told by the next detections.
-    fn look_after_topic(&mut self) {
+    /// Checks the detections' topic when a check is due. A failed check has no effect here:
+    /// publishing the next detections returns its error.
+    fn check_topic(&mut self) {
         let now = Instant::now();
-        if now >= self.next_look {
-            self.next_look = now + LOOKS;
+        if now >= self.next_check {
+            self.next_check = now + CHECK_PERIOD;
             let _ = self.publisher.look_after();
         }
     }
 
-    fn take(&mut self, meta: Meta) {
-        match self.look(meta) {
-            Ok(detections) => self.tell(&detections),
-            Err(refusal) => {
-                let name = self.frames.topic().name();
-                let what = format!("a message of ring topic {name:?} was refused: {refusal}");
-                complain(self.log, &mut self.refused, what);
+    fn handle(&mut self, meta: Meta) {
+        match self.detect(meta) {
+            Ok(detections) => self.publish(&detections),
+            Err(rejection) => {
+                let topic = self.frames.topic().name();
+                let event = format!("message of ring topic {topic:?} rejected: {rejection}");
+                log_limited(self.log, &mut self.rejections, event);
             }
         }
     }
 
-    fn look(&mut self, meta: Meta) -> Result<TagDetections, Refusal> {
-        check_content(self.frames.content())?;
-        let frame = Frame::decode(&self.message).map_err(Refusal::Frame)?;
-        let detections = self.eye.look(&frame).map_err(Refusal::Look)?;
-        let capture_time_ns = capture_time_ns(&frame.header, meta.timestamp_ns);
+    fn detect(&mut self, meta: Meta) -> Result<TagDetections, Rejection> {
+        rejection::check_content(self.frames.content())?;
+        let frame = Frame::decode(&self.message).map_err(Rejection::Frame)?;
+        let detections = self.detector.detect(&frame).map_err(Rejection::Detect)?;
+        let capture_time_ns = report::capture_time_ns(&frame.header, meta.timestamp_ns);
         Ok(TagDetections {
-            stamp: wall_time(capture_time_ns, clock::realtime_offset_ns()),
+            stamp: report::wall_time(capture_time_ns, clock::realtime_offset_ns()),
             frame_id: self.frames.topic().name().to_owned(),
-            detections: clearest(detections, MOST_DETECTIONS),
+            detections: report::clearest(detections, MOST_DETECTIONS),
             source: Some(FrameSource {
                 frame_sequence: meta.sequence,
                 frame_id: frame.header.frame_id,
                 image_width: frame.header.width,
                 image_height: frame.header.height,
                 capture_time_ns,
-                angular_speed: self.gyro.angular_speed_at(capture_time_ns),
+                angular_speed: self.imu.angular_speed_at(capture_time_ns),
             }),
         })
     }
 
-    fn tell(&mut self, detections: &TagDetections) {
-        self.looked_at += 1;
+    fn publish(&mut self, detections: &TagDetections) {
+        self.detected_frames += 1;
         detections.encode_into(&mut self.report);
         if let Err(error) = self.publisher.publish(&self.report) {
-            let why = self
+            let cause = self
                 .publisher
                 .trouble()
                 .map(|trouble| format!(": {trouble}"));
-            let what = format!("{error}{}", why.unwrap_or_default());
-            complain(self.log, &mut self.troubles, what);
+            let event = format!("{error}{}", cause.unwrap_or_default());
+            log_limited(self.log, &mut self.errors, event);
         }
     }
 }
 
-fn complain(log: Log, complaints: &mut Complaints, what: impl fmt::Display) {
-    if let Some(line) = complaints.add(Instant::now(), what) {
+fn log_limited(log: Log, limit: &mut LogLimit, event: impl fmt::Display) {
+    if let Some(line) = limit.count(Instant::now(), event) {
         log.line(line);
-    }
-}
-
-/// A camera that does not state its encoding is believed; what it sends is checked anyway.
-fn check_content(content: Option<ContentTag>) -> Result<(), Refusal> {
-    match content {
-        Some(tag) if tag != ContentTag::RAW && tag != ContentTag::of(frame::ENCODING) => {
-            Err(Refusal::NotFrames(tag.value()))
-        }
-        _ => Ok(()),
-    }
-}
-
-/// When a frame was captured by `CLOCK_MONOTONIC_RAW`: as its header says, or when it was published if the header tells
-/// the time by another clock.
-fn capture_time_ns(header: &FrameHeader, published_ns: u64) -> u64 {
-    match header.clock_id {
-        CLOCK_MONOTONIC_RAW => header.timestamp_ns,
-        _ => published_ns,
-    }
-}
-
-fn wall_time(time_ns: u64, realtime_offset_ns: i64) -> Stamp {
-    let time_ns = i64::try_from(time_ns).unwrap_or(i64::MAX);
-    Stamp::from_unix_ns(time_ns.saturating_add(realtime_offset_ns))
-}
-
-/// At most so many, the clearest, in their order.
-fn clearest(mut detections: Vec<TagDetection>, most: usize) -> Vec<TagDetection> {
-    let margin = |index: &usize| detections[*index].decision_margin;
-    let mut ranking: Vec<usize> = (0..detections.len()).collect();
-    ranking.sort_by(|one, other| margin(other).total_cmp(&margin(one)));
-    ranking.truncate(most);
-    let mut index = 0..;
-    detections.retain(|_| index.next().is_some_and(|index| ranking.contains(&index)));
-    detections
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn tag(id: i32, decision_margin: f32) -> TagDetection {
-        TagDetection {
-            id,
-            decision_margin,
-            ..TagDetection::default()
-        }
-    }
-
-    #[test]
-    fn of_too_many_tags_the_clearest_are_kept_in_their_order() {
-        let tags = vec![tag(0, 5.0), tag(1, 1.0), tag(2, 5.0), tag(3, 9.0)];
-        let ids = |most| -> Vec<i32> {
-            let kept = clearest(tags.clone(), most);
-            kept.iter().map(|tag| tag.id).collect()
-        };
-        assert_eq!(ids(4), [0, 1, 2, 3]);
-        assert_eq!(ids(3), [0, 2, 3]);
-        assert_eq!(ids(2), [0, 3]);
-        assert_eq!(ids(1), [3]);
-    }
-
-    #[test]
-    fn frames_and_unstated_messages_are_taken_and_others_refused() {
-        assert_eq!(check_content(None), Ok(()));
-        assert_eq!(check_content(Some(ContentTag::RAW)), Ok(()));
-        assert_eq!(check_content(Some(ContentTag::of("conduit/frame"))), Ok(()));
-        let other = ContentTag::of("sensor_msgs/msg/Imu");
-        let refusal = Refusal::NotFrames(other.value());
-        assert_eq!(check_content(Some(other)), Err(refusal));
-    }
-
-    #[test]
-    fn the_time_of_capture_is_the_headers_unless_told_by_another_clock() {
-        let header = FrameHeader::grey(1, 1, 77, 0);
-        assert_eq!(capture_time_ns(&header, 99), 77);
-        let foreign = FrameHeader {
-            clock_id: 1,
-            ..header
-        };
-        assert_eq!(capture_time_ns(&foreign, 99), 99);
-    }
-
-    #[test]
-    fn the_wall_time_of_a_hostile_time_stamp_is_no_panic() {
-        assert_eq!(wall_time(1_000_000_000, 500).unix_ns(), 1_000_000_500);
-        wall_time(u64::MAX, i64::MAX);
-        wall_time(0, i64::MIN);
-    }
-
-    #[test]
-    fn the_largest_message_is_not_too_large_for_a_slot() {
-        let detections = TagDetections {
-            frame_id: "x".repeat(LONGEST_TOPIC),
-            detections: vec![
-                TagDetection {
-                    family: eye::FAMILIES[0].into(),
-                    ..TagDetection::default()
-                };
-                MOST_DETECTIONS
-            ],
-            source: Some(FrameSource::default()),
-            ..TagDetections::default()
-        };
-        let largest = largest_message(MOST_DETECTIONS, LONGEST_FAMILY, LONGEST_TOPIC);
-        assert!(detections.encode().len() <= largest);
-        assert!(
-            eye::FAMILIES
-                .iter()
-                .all(|name| name.len() <= LONGEST_FAMILY)
-        );
     }
 }

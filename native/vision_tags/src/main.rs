@@ -1,4 +1,4 @@
-//! The detector's process: see the library.
+//! The detector's `main`; the library does the work.
 
 use program::stop::Stop;
 use program::{Failure, Log};
@@ -18,6 +18,6 @@ fn main() -> ExitCode {
 
 fn run(options: &Options, log: Log) -> Result<(), Failure> {
     let stop = Stop::of_process(options.exit_with_stdin)
-        .map_err(|error| Failure::Runtime(format!("signals cannot be received: {error}")))?;
+        .map_err(|error| Failure::Runtime(format!("could not handle signals: {error}")))?;
     vision_tags::run(options, &stop, log)
 }

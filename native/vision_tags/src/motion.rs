@@ -1,17 +1,17 @@
-//! How fast the inertial unit turned at a moment of the last second.
+//! The angular speed of the inertial measurement unit during the last second.
 
 use std::collections::VecDeque;
 
-/// How long a sample is kept behind the newest one.
+/// The age at which a sample is dropped, relative to the newest one.
 const KEPT_NS: u64 = 1_000_000_000;
 
 /// The most samples kept, whatever their rate.
 const MOST_SAMPLES: usize = 4096;
 
-/// How far from the moment asked for a sample may lie to say something about it.
+/// The farthest distance of a sample from the time in question.
 const REACH_NS: u64 = 100_000_000;
 
-/// How long after its sample a message may be published to have its stamp believed.
+/// The longest delay between a sample and its publication for which its stamp is trusted.
 const LONGEST_DELAY_NS: i128 = 1_000_000_000;
 
 #[derive(Debug, Clone, Copy)]
@@ -20,15 +20,15 @@ struct Sample {
     angular_velocity: [f64; 3],
 }
 
-/// The samples of the last second. Times are those of one clock, `CLOCK_MONOTONIC_RAW`.
+/// The samples of the last second. All times are of `CLOCK_MONOTONIC_RAW`.
 #[derive(Debug, Clone, Default)]
 pub struct Motion {
     samples: VecDeque<Sample>,
 }
 
 impl Motion {
-    /// Takes a sample, rad/s. One that is not a number is ignored; one from before others says that time was told anew,
-    /// and takes their place.
+    /// Adds a sample in rad/s. Ignores a sample that is not a number. A sample that is older than
+    /// others means that the clock was reset; it replaces the later ones.
     pub fn push(&mut self, time_ns: u64, angular_velocity: [f64; 3]) {
         if !angular_velocity.iter().all(|part| part.is_finite()) {
             return;
@@ -47,8 +47,8 @@ impl Motion {
         }
     }
 
-    /// The angular speed at a moment, rad/s: between the samples around it if both are within 100 ms of it, that of the
-    /// nearest within 100 ms otherwise.
+    /// Returns the angular speed at a time in rad/s: interpolated if the samples around it are
+    /// both within 100 ms, or else that of the nearest sample within 100 ms.
     pub fn angular_speed_at(&self, time_ns: u64) -> Option<f64> {
         let next = self
             .samples
@@ -59,14 +59,14 @@ impl Motion {
         };
         let before = next.checked_sub(1).and_then(near);
         let angular_velocity = match (before, near(next)) {
-            (Some(before), Some(after)) => between(before, after, time_ns),
+            (Some(before), Some(after)) => interpolate(before, after, time_ns),
             (one, other) => one.or(other)?.angular_velocity,
         };
         Some(norm(angular_velocity))
     }
 }
 
-fn between(before: Sample, after: Sample, time_ns: u64) -> [f64; 3] {
+fn interpolate(before: Sample, after: Sample, time_ns: u64) -> [f64; 3] {
     let span = (after.time_ns - before.time_ns) as f64;
     let t = (time_ns - before.time_ns) as f64 / span;
     std::array::from_fn(|axis| {
@@ -79,9 +79,9 @@ fn norm([x, y, z]: [f64; 3]) -> f64 {
     (x * x + y * y + z * z).sqrt()
 }
 
-/// When a sample was taken by `CLOCK_MONOTONIC_RAW`, told from its wall-time stamp and `realtime_offset_ns`, what is to be
-/// added to that clock to get wall time. A stamp that does not lie within a second before the message was published is
-/// from a clock that was set or a recording; then it is the time of publishing.
+/// Converts a sample's wall-time stamp to `CLOCK_MONOTONIC_RAW`. `realtime_offset_ns` is the
+/// difference from that clock to wall time. Returns the time of publication if the stamp is not
+/// within a second before it, as it is after the clock was set or in a recording.
 pub fn sample_time_ns(stamp_unix_ns: i64, published_ns: u64, realtime_offset_ns: i64) -> u64 {
     let time_ns = i128::from(stamp_unix_ns) - i128::from(realtime_offset_ns);
     let delay_ns = i128::from(published_ns) - time_ns;
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn between_two_samples_the_velocity_is_interpolated_axis_by_axis() {
+    fn the_velocity_between_two_samples_is_interpolated_axis_by_axis() {
         let motion = motion(&[(1000, [0.0, 0.0, 2.0]), (1010, [0.0, 8.0, 8.0])]);
         assert_eq!(speed(&motion, 1005), Some((16.0f64 + 25.0).sqrt()));
         assert_eq!(speed(&motion, 1000), Some(2.0));
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn beside_all_samples_the_nearest_within_100_ms_counts() {
+    fn outside_all_samples_the_nearest_one_within_100_ms_counts() {
         let motion = motion(&[(1000, [3.0, 4.0, 0.0]), (1010, [1.0, 0.0, 0.0])]);
         assert_eq!(speed(&motion, 900), Some(5.0));
         assert_eq!(speed(&motion, 899), None);
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn across_a_pause_nothing_is_interpolated() {
+    fn nothing_is_interpolated_across_a_pause() {
         let motion = motion(&[(1000, [1.0, 0.0, 0.0]), (1500, [9.0, 0.0, 0.0])]);
         assert_eq!(speed(&motion, 1090), Some(1.0));
         assert_eq!(speed(&motion, 1250), None);
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn however_fast_they_come_their_number_is_bounded() {
+    fn the_number_of_samples_is_bounded_at_any_rate() {
         let mut motion = Motion::default();
         for ns in 0..10_000 {
             motion.push(ns, [0.0; 3]);
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_from_before_takes_the_place_of_the_later_ones() {
+    fn an_older_sample_replaces_the_later_ones() {
         let motion = motion(&[
             (1000, [1.0, 0.0, 0.0]),
             (1010, [2.0, 0.0, 0.0]),
@@ -172,13 +172,13 @@ mod tests {
     }
 
     #[test]
-    fn a_stamp_in_wall_time_is_told_by_the_other_clock() {
+    fn a_stamp_in_wall_time_is_converted_to_the_monotonic_clock() {
         let offset = 1_700_000_000_000_000_000;
         assert_eq!(sample_time_ns(offset + 5_000, 6_000, offset), 5_000);
     }
 
     #[test]
-    fn a_stamp_that_cannot_be_is_replaced_by_the_time_of_publishing() {
+    fn an_impossible_stamp_is_replaced_by_the_time_of_publication() {
         let offset = 1_700_000_000_000_000_000;
         let published = 50_000_000_000;
         for stamp in [0, offset, offset + 50_000_000_001, i64::MAX, i64::MIN] {

@@ -1,29 +1,31 @@
-//! The options of the detector's process.
+//! The detector's options.
 
-use crate::eye::{DECIMATIONS, FAMILIES, Settings};
+use crate::detector::{DECIMATIONS, FAMILIES, Settings};
 use conduit_ring::Topic;
 use program::Failure;
 use program::arguments::{Arguments, required};
 use std::ffi::OsString;
 
-/// What `--help` says.
+/// The text that `--help` prints.
 pub const HELP: &str = "\
 vision_tags: finds AprilTags in the frames of a ring topic
 
 Usage: vision_tags --frames TOPIC --detections TOPIC [options]
 
   --frames TOPIC      ring topic of the camera's grey frames
-  --detections TOPIC  ring topic to publish on, a message for each frame that was looked at
-  --imu TOPIC         ring topic of an inertial unit, whose angular speed is reported with the tags
+  --detections TOPIC  ring topic to publish on, one message per frame
+  --imu TOPIC         ring topic of an inertial measurement unit, whose angular speed is published
+                      with the tags
   --family NAME       tag36h11, tag25h9 or tag16h5; default tag36h11
-  --threads COUNT     1 to 16 threads share the work on a frame; default 1
-  --quad-decimate N   look in an image N times smaller (1, 1.5, 2, 3, ... 8): faster, small tags are lost; default 1
-  --refine-edges      snap the tags' edges to strong gradients nearby
-  --exit-with-stdin   end when stdin does
-  -h, --help          this text
-  -V, --version       the version
+  --threads COUNT     number of threads for a frame, 1 to 16; default 1
+  --quad-decimate N   detect in an image that is N times smaller (1, 1.5, 2, 3, ... 8), which is
+                      faster and misses small tags; default 1
+  --refine-edges      align the tags' edges with strong gradients nearby
+  --exit-with-stdin   exit when stdin closes
+  -h, --help          print this help
+  -V, --version       print the version
 
-A topic is 1 to 200 of A-Z a-z 0-9 _ . - and need not exist yet.
+A topic name has 1 to 200 characters of A-Z a-z 0-9 _ . - and the topic need not exist yet.
 ";
 
 const KNOWN: &[&str] = &[
@@ -39,36 +41,40 @@ const KNOWN: &[&str] = &[
     "--help",
 ];
 
-const TOPIC: &str = "a ring topic, 1 to 200 of A-Z a-z 0-9 _ . -";
+const TOPIC: &str = "a ring topic, 1 to 200 characters of A-Z a-z 0-9 _ . -";
 
-/// What the process shall do.
+/// The settings of a detector process.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Where the frames come from.
+    /// The topic of the frames.
     pub frames: Topic,
-    /// Where the detections go.
+    /// The topic to publish detections on.
     pub detections: Topic,
-    /// Where the samples of the inertial unit come from.
+    /// The topic of the inertial measurement unit's samples.
     pub imu: Option<Topic>,
-    /// How to look.
+    /// The detector's settings.
     pub settings: Settings,
-    /// Whether the end of stdin is its end.
+    /// Whether the process exits when stdin closes.
     pub exit_with_stdin: bool,
 }
 
-/// What the program was called for.
+/// The action that the command line requests.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Call {
-    /// To say how it is called.
+    /// Print the help.
     Help,
-    /// To say its version.
+    /// Print the version.
     Version,
-    /// To look for tags.
+    /// Run the detector.
     Run(Options),
 }
 
 impl Call {
-    /// Reads the arguments, without the program's name.
+    /// Parses the arguments, without the program's name.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] when an option is unknown, missing or has an invalid value, or when two
+    /// topics are the same.
     pub fn parse<A: Into<OsString>>(
         arguments: impl IntoIterator<Item = A>,
     ) -> Result<Call, Failure> {
@@ -78,9 +84,9 @@ impl Call {
         let mut exit_with_stdin = false;
         while let Some(option) = arguments.next()? {
             match option {
-                "--frames" => frames = Some(topic(&mut arguments)?),
+                "--frames" => frames = Some(foreign_topic(&mut arguments)?),
                 "--detections" => detections = Some(own_topic(&mut arguments)?),
-                "--imu" => imu = Some(topic(&mut arguments)?),
+                "--imu" => imu = Some(foreign_topic(&mut arguments)?),
                 "--family" => settings.family = family(&mut arguments)?,
                 "--threads" => {
                     settings.threads = arguments.parse("1 to 16", |n| (1..=16).contains(n))?;
@@ -105,7 +111,7 @@ impl Call {
 }
 
 impl Options {
-    /// What it reads and what it writes cannot be the same.
+    /// Checks that the topics differ.
     fn check(&self) -> Result<(), Failure> {
         let read = [Some(&self.frames), self.imu.as_ref()];
         let clash =
@@ -120,19 +126,20 @@ impl Options {
         ];
         let names: Vec<&str> = names.into_iter().flatten().map(Topic::name).collect();
         Err(Failure::Usage(format!(
-            "--frames, --imu and --detections were given {}; accepted: topics that differ",
+            "invalid topics: expected three different topics for --frames, --imu and \
+             --detections, got: {}",
             names.join(", ")
         )))
     }
 }
 
-/// One that it makes.
+/// Reads the name of a topic that this process creates.
 fn own_topic(arguments: &mut Arguments) -> Result<Topic, Failure> {
     arguments.read(TOPIC, |name| Topic::new(name).ok())
 }
 
-/// One that it reads.
-fn topic(arguments: &mut Arguments) -> Result<Topic, Failure> {
+/// Reads the name of a topic that another process creates.
+fn foreign_topic(arguments: &mut Arguments) -> Result<Topic, Failure> {
     arguments.read(TOPIC, |name| Topic::found(name).ok())
 }
 

@@ -1,17 +1,24 @@
-//! Pictures that no camera takes: the detector's C code must bear them.
+//! Pictures that no camera takes, which the detector's C code must survive.
 
 use ganglion_messages::frame::{Frame, FrameHeader, GREY};
 use ganglion_messages::tags::TagDetection;
-use vision_tags::eye::{DECIMATIONS, Eye, LookError, Settings};
+use vision_tags::detector::{DECIMATIONS, DetectError, Settings, TagDetector};
 
-fn look(eye: &mut Eye, width: u32, height: u32, grey: impl FnMut(u32) -> u8) -> Vec<TagDetection> {
+fn detect(
+    detector: &mut TagDetector,
+    width: u32,
+    height: u32,
+    grey: impl FnMut(u32) -> u8,
+) -> Vec<TagDetection> {
     let header = FrameHeader::grey(width, height, 0, 0);
     let pixels: Vec<u8> = (0..width * height).map(grey).collect();
     let data = &pixels[..];
-    eye.look(&Frame { header, data }).expect("it is looked at")
+    detector
+        .detect(&Frame { header, data })
+        .expect("detections")
 }
 
-/// Marsaglia's xorshift: pictures of noise, the same in each run.
+/// Returns Marsaglia's xorshift: noise that is the same in each run.
 fn noise(seed: u64) -> impl FnMut(u32) -> u8 {
     let mut state = seed | 1;
     move |_| {
@@ -22,9 +29,9 @@ fn noise(seed: u64) -> impl FnMut(u32) -> u8 {
     }
 }
 
-fn eyes() -> impl Iterator<Item = Eye> {
+fn detectors() -> impl Iterator<Item = TagDetector> {
     DECIMATIONS.into_iter().map(|quad_decimate| {
-        Eye::new(Settings {
+        TagDetector::new(Settings {
             quad_decimate,
             refine_edges: quad_decimate > 2.0,
             ..Settings::default()
@@ -34,34 +41,31 @@ fn eyes() -> impl Iterator<Item = Eye> {
 
 #[test]
 fn pictures_of_any_small_size_have_no_tags() {
-    for mut eye in eyes() {
+    for mut detector in detectors() {
         for size in
             (0..70u32).flat_map(|width| [(width, 1), (1, width), (width, width), (width, 33)])
         {
             let (width, height) = (size.0.max(1), size.1.max(1));
-            assert_eq!(look(&mut eye, width, height, noise(7)), []);
+            assert_eq!(detect(&mut detector, width, height, noise(7)), []);
         }
     }
 }
 
 #[test]
-fn noise_stripes_and_chequers_are_borne() {
-    for mut eye in eyes() {
+fn noise_stripes_and_chequers_do_no_harm() {
+    for mut detector in detectors() {
         for seed in 0..4 {
-            look(&mut eye, 320, 240, noise(seed * 77 + 3));
+            detect(&mut detector, 320, 240, noise(seed * 77 + 3));
             let mut coarse = noise(seed);
-            look(
-                &mut eye,
-                319,
-                241,
-                move |at| if coarse(at) > 127 { 255 } else { 0 },
-            );
+            detect(&mut detector, 319, 241, move |at| {
+                if coarse(at) > 127 { 255 } else { 0 }
+            });
         }
         for period in 1..9 {
-            look(&mut eye, 320, 240, |at| {
+            detect(&mut detector, 320, 240, |at| {
                 if at % 320 / period % 2 == 0 { 255 } else { 0 }
             });
-            look(&mut eye, 320, 240, |at| {
+            detect(&mut detector, 320, 240, |at| {
                 if (at % 320 / period + at / 320 / period) % 2 == 0 {
                     255
                 } else {
@@ -70,24 +74,24 @@ fn noise_stripes_and_chequers_are_borne() {
             });
         }
         for grey in [0, 127, 255] {
-            assert_eq!(look(&mut eye, 320, 240, |_| grey), []);
+            assert_eq!(detect(&mut detector, 320, 240, |_| grey), []);
         }
     }
 }
 
 #[test]
-fn a_frame_that_is_not_grey_or_too_large_to_be_counted_is_refused() {
-    let mut eye = Eye::new(Settings::default());
+fn a_frame_that_is_not_grey_or_too_large_is_rejected() {
+    let mut detector = TagDetector::new(Settings::default());
     let yuyv = u32::from_le_bytes(*b"YUYV");
-    let mut refusal = |header| eye.look(&Frame { header, data: &[] }).unwrap_err();
+    let mut error = |header| detector.detect(&Frame { header, data: &[] }).unwrap_err();
     let colour = FrameHeader {
         fourcc: yuyv,
         ..FrameHeader::grey(64, 64, 0, 0)
     };
-    assert_eq!(refusal(colour), LookError::NotGrey(yuyv));
+    assert_eq!(error(colour), DetectError::NotGrey(yuyv));
     assert_eq!(
-        LookError::NotGrey(yuyv).to_string(),
-        "the frame's pixels are YUYV, not GREY"
+        DetectError::NotGrey(yuyv).to_string(),
+        "expected a frame in pixel format GREY, got: YUYV"
     );
     for (width, height) in [(32_768, 16), (16, 32_768), (32_000, 32_000)] {
         let header = FrameHeader {
@@ -96,6 +100,6 @@ fn a_frame_that_is_not_grey_or_too_large_to_be_counted_is_refused() {
             fourcc: GREY,
             ..FrameHeader::grey(1, 1, 0, 0)
         };
-        assert_eq!(refusal(header), LookError::TooLarge { width, height });
+        assert_eq!(error(header), DetectError::TooLarge { width, height });
     }
 }

@@ -1,8 +1,8 @@
-//! How the detector is called, and what it says to a wrong call.
+//! The detector's command line and its usage errors.
 
 use conduit_ring::Topic;
 use program::Failure;
-use vision_tags::eye::Settings;
+use vision_tags::detector::Settings;
 use vision_tags::options::{Call, HELP, Options};
 
 const TOPICS: [&str; 4] = ["--frames", "f", "--detections", "d"];
@@ -37,13 +37,13 @@ fn two_topics_are_enough() {
 }
 
 #[test]
-fn topics_of_others_are_read_by_their_names() {
+fn a_topic_of_another_program_may_have_any_name() {
     let imu = options(&["--imu", "front:imu"]).imu;
     assert_eq!(imu, Topic::found("front:imu").ok());
 }
 
 #[test]
-fn unless_told_otherwise_it_looks_as_the_reference_does() {
+fn the_defaults_are_those_of_the_reference_detector() {
     let settings = Settings::default();
     assert_eq!(settings.family, "tag36h11");
     assert_eq!(settings.quad_decimate, 1.0);
@@ -72,19 +72,20 @@ fn everything_can_be_set() {
 }
 
 #[test]
-fn wrong_values_are_refused_with_what_is_accepted() {
-    for (option, value, accepted) in [
+fn the_error_for_an_invalid_value_says_what_was_expected() {
+    for (option, value, expected) in [
         ("--family", "tag36h10", "tag36h11, tag25h9, tag16h5"),
         ("--threads", "0", "1 to 16"),
         ("--quad-decimate", "2.5", "1, 1.5, 2"),
         ("--quad-decimate", "0.5", "1, 1.5, 2"),
-        ("--imu", "a/b", "1 to 200 of A-Z"),
-        ("--detections", "a b", "1 to 200 of A-Z"),
+        ("--imu", "a/b", "1 to 200 characters of A-Z"),
+        ("--detections", "a b", "1 to 200 characters of A-Z"),
     ] {
         let text = refusal(parse(&[option, value]));
-        let start = format!("{option} was given {value:?}; accepted: ");
+        let start = format!("invalid value for {option} option: expected ");
+        let end = format!("got: {value:?}");
         assert!(
-            text.starts_with(&start) && text.contains(accepted),
+            text.starts_with(&start) && text.contains(expected) && text.ends_with(&end),
             "{text}"
         );
     }
@@ -94,20 +95,20 @@ fn wrong_values_are_refused_with_what_is_accepted() {
 fn topics_that_are_the_same_are_refused() {
     for clash in [["--detections", "f"], ["--imu", "f"], ["--imu", "d"]] {
         let text = refusal(parse(&clash));
-        assert!(text.contains("topics that differ"), "{text}");
+        assert!(text.contains("three different topics"), "{text}");
     }
 }
 
 #[test]
-fn missing_topics_are_named() {
+fn the_error_for_a_missing_topic_names_the_option() {
     let text = refusal(Call::parse(["--frames", "f"]));
-    assert!(text.starts_with("--detections is missing"), "{text}");
+    assert!(text.starts_with("--detections option is missing"), "{text}");
     let text = refusal(Call::parse(["--detections", "d"]));
-    assert!(text.starts_with("--frames is missing"), "{text}");
+    assert!(text.starts_with("--frames option is missing"), "{text}");
 }
 
 #[test]
-fn help_tells_of_every_option() {
+fn help_lists_every_option() {
     for help in ["-h", "--help"] {
         assert_eq!(parse(&[help]), Ok(Call::Help));
     }
@@ -115,9 +116,11 @@ fn help_tells_of_every_option() {
         assert_eq!(parse(&[version]), Ok(Call::Version));
     }
     let unknown = refusal(parse(&["--nonsense"]));
-    let (_, accepted) = unknown.split_once("accepted: ").expect("what is accepted");
-    for option in accepted.split(' ') {
-        let stands = |before: &str| HELP.contains(&format!("{before}{option}"));
-        assert!(stands("  ") || stands(", "), "{option}");
+    let (_, known) = unknown
+        .split_once("expected one of: ")
+        .expect("the known options");
+    for option in known.split(' ') {
+        let listed = |before: &str| HELP.contains(&format!("{before}{option}"));
+        assert!(listed("  ") || listed(", "), "{option}");
     }
 }

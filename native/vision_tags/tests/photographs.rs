@@ -1,6 +1,7 @@
-//! The detector on real photographs, against what the reference detector found in them.
+//! Compares the detector with the reference detector on real photographs.
 //!
-//! The photographs are not part of the repository; where their folder is absent these tests say so and pass.
+//! The photographs are not part of the repository. When their folder is absent, these tests report
+//! it and pass.
 
 #[path = "../../program/tests/support/shared_data.rs"]
 mod shared_data;
@@ -10,13 +11,13 @@ use ganglion_messages::frame::{Frame, FrameHeader};
 use ganglion_messages::tags::TagDetection;
 use shared_data::tags_folder;
 use std::path::Path;
-use vision_tags::eye::{Eye, Settings};
+use vision_tags::detector::{Settings, TagDetector};
 
 const TOLERANCE_PX: f64 = 0.2;
 
 type Corners = [[f64; 2]; 4];
 
-/// Lines of an id and four corners: `0, (277.9247 327.4884), (250.3570 329.7265), …`
+/// Reads lines of an id and four corners: `0, (277.9247 327.4884), (250.3570 329.7265), …`
 fn truth(path: &Path) -> Vec<(i32, Corners)> {
     let text = std::fs::read_to_string(path).expect("the truth is readable");
     text.lines().map(truth_of_line).collect()
@@ -41,12 +42,12 @@ fn detections(path: &Path) -> Vec<TagDetection> {
     let header = FrameHeader::grey(photograph.width, photograph.height, 0, 0);
     let message = [&header.encode()[..], &photograph.pixels].concat();
     let frame = Frame::decode(&message).expect("a frame");
-    Eye::new(Settings::default())
-        .look(&frame)
+    TagDetector::new(Settings::default())
+        .detect(&frame)
         .expect("a grey frame")
 }
 
-/// How far the farthest corner is off, corner by corner in the same order.
+/// Returns the largest distance between corresponding corners.
 fn deviation(one: &Corners, other: &Corners) -> f64 {
     let distances = one
         .iter()

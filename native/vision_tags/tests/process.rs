@@ -1,4 +1,4 @@
-//! The detector as a process between real rings: what it tells of what it gets, how it fails and how it ends.
+//! The detector as a process between real rings: its messages, its failures and its end.
 
 #[path = "../../program/tests/support/process.rs"]
 mod process;
@@ -26,7 +26,7 @@ use std::time::{Duration, Instant};
 const VISION_TAGS: &str = env!("CARGO_BIN_EXE_vision_tags");
 const RATE: f64 = 20.0;
 
-/// The three topics of a test, and the detector between them.
+/// The three topics of a test and the detector between them.
 struct Setup {
     frames: Topic,
     imu: Topic,
@@ -58,7 +58,7 @@ impl Setup {
     }
 }
 
-/// A camera in a thread; it ends when dropped.
+/// A camera in a thread. It stops on drop.
 struct Camera(Stop, Option<thread::JoinHandle<()>>);
 
 impl Camera {
@@ -101,7 +101,7 @@ fn open(topic: &Topic, encoding: Option<&str>, largest: u32) -> Publisher {
     Publisher::open(topic, &options).expect("a publisher")
 }
 
-/// A frame of nothing, captured now.
+/// Returns a frame without tags, captured now.
 fn blank(frame_id: u32) -> Vec<u8> {
     let header = FrameHeader::grey(64, 48, clock::now_ns(), frame_id);
     let mut message = header.encode().to_vec();
@@ -109,39 +109,39 @@ fn blank(frame_id: u32) -> Vec<u8> {
     message
 }
 
-/// Publishes a frame again and again until detections come: the detector may not be there yet. Each time some time
-/// passes first in which it can look at what was published before.
+/// Publishes a frame repeatedly until detections arrive, because the detector may not have started
+/// yet. Waits before each repetition, so that the detector can handle the frame before.
 fn publish_until_seen(frames: &mut Publisher, message: &[u8], setup: &mut Setup) -> TagDetections {
     let pause = Duration::from_millis(20);
-    let mut told = Vec::new();
+    let mut published = Vec::new();
     loop {
-        let read = setup.detections.read_timeout(&mut told, pause);
+        let read = setup.detections.read_timeout(&mut published, pause);
         if matches!(read, Ok(Read::Message(_))) {
-            return TagDetections::decode(&told).expect("detections");
+            return TagDetections::decode(&published).expect("detections");
         }
         frames.publish(message).expect("it fits");
     }
 }
 
 #[test]
-fn the_tags_of_a_cameras_frames_are_told_with_their_true_places() {
+fn the_tags_of_a_cameras_frames_are_published_with_their_true_places() {
     let mut setup = setup("truth", &[]);
     let _camera = Camera::start(&setup.frames);
     let scene = Scene::new(320, 240);
     let mut last = None;
     for _ in 0..5 {
-        let told = setup.next_detections();
-        let source = told.source.expect("a frame");
+        let published = setup.next_detections();
+        let source = published.source.expect("a frame");
         assert_eq!((source.image_width, source.image_height), (320, 240));
         assert_eq!(source.frame_sequence, u64::from(source.frame_id));
         assert!(last < Some(source.frame_id));
         assert_eq!(source.angular_speed, None);
-        assert_eq!(told.frame_id, setup.frames.name());
-        let wall_ns = told.stamp.unix_ns() - clock::realtime_offset_ns();
+        assert_eq!(published.frame_id, setup.frames.name());
+        let wall_ns = published.stamp.unix_ns() - clock::realtime_offset_ns();
         assert!(wall_ns.abs_diff(source.capture_time_ns as i64) < 1_000_000_000);
         let seconds = f64::from(source.frame_id) / RATE;
-        assert_eq!(told.detections.len(), TAG_IDS.len());
-        for (tag, truth) in told.detections.iter().zip(scene.tags_at(seconds)) {
+        assert_eq!(published.detections.len(), TAG_IDS.len());
+        for (tag, truth) in published.detections.iter().zip(scene.tags_at(seconds)) {
             assert_eq!((tag.id, tag.family.as_str()), (truth.id as i32, "tag36h11"));
             for (corner, true_corner) in tag.corners.iter().zip(truth.corners) {
                 assert!((corner[0] - true_corner[0]).hypot(corner[1] - true_corner[1]) < 1.0);
@@ -156,21 +156,21 @@ fn the_tags_of_a_cameras_frames_are_told_with_their_true_places() {
 }
 
 #[test]
-fn the_tags_of_photographs_are_told_photograph_by_photograph() {
+fn the_tags_of_photographs_are_published_photograph_by_photograph() {
     let Some(folder) = tags_folder() else { return };
     let mut setup = setup("photographs", &[]);
     let _camera = Camera::showing(Picture::Photographs(folder), &setup.frames);
     let mut seen = [false; 2];
     while seen.contains(&false) {
-        let told = setup.next_detections();
-        let photograph = told.source.expect("a frame").frame_id as usize % 2;
-        assert_eq!(told.detections.len(), [12, 10][photograph]);
+        let published = setup.next_detections();
+        let photograph = published.source.expect("a frame").frame_id as usize % 2;
+        assert_eq!(published.detections.len(), [12, 10][photograph]);
         seen[photograph] = true;
     }
 }
 
 #[test]
-fn a_camera_may_go_and_come_back() {
+fn a_camera_may_stop_and_start_again() {
     let mut setup = setup("back", &[]);
     for _ in 0..2 {
         let _camera = Camera::start(&setup.frames);
@@ -182,19 +182,19 @@ fn a_camera_may_go_and_come_back() {
 }
 
 #[test]
-fn a_frame_without_tags_is_told_too() {
+fn a_frame_without_tags_is_reported_too() {
     let mut setup = setup("blank", &[]);
     let mut frames = open(&setup.frames, Some(frame::ENCODING), 10_000);
     let before_ns = clock::now_ns();
-    let told = publish_until_seen(&mut frames, &blank(7), &mut setup);
-    assert_eq!(told.detections, []);
-    let source = told.source.expect("a frame");
+    let published = publish_until_seen(&mut frames, &blank(7), &mut setup);
+    assert_eq!(published.detections, []);
+    let source = published.source.expect("a frame");
     assert_eq!(source.frame_id, 7);
     assert!(source.capture_time_ns > before_ns);
 }
 
 #[test]
-fn messages_that_are_no_frames_are_refused_and_the_next_frame_is_seen() {
+fn messages_that_are_not_frames_are_rejected_and_the_next_frame_is_used() {
     let mut setup = setup("refused", &[]);
     let mut frames = open(&setup.frames, None, 10_000);
     publish_until_seen(&mut frames, &blank(0), &mut setup);
@@ -203,15 +203,15 @@ fn messages_that_are_no_frames_are_refused_and_the_next_frame_is_seen() {
     let cut = blank(1)[..200].to_vec();
     for message in [vec![], vec![0; 43], vec![0xFF; 5000], cut, colour] {
         frames.publish(&message).unwrap();
-        let told = publish_until_seen(&mut frames, &blank(9), &mut setup);
-        assert_eq!(told.source.expect("a frame").frame_id, 9);
+        let published = publish_until_seen(&mut frames, &blank(9), &mut setup);
+        assert_eq!(published.source.expect("a frame").frame_id, 9);
     }
     let stderr = end(setup);
-    let refusals = stderr.lines().filter(|line| line.contains("was refused"));
+    let refusals = stderr.lines().filter(|line| line.contains("rejected: "));
     assert_eq!(refusals.count(), 1, "{stderr}");
 }
 
-/// Asks the detector to end and gives what it said.
+/// Terminates the detector and returns its stderr.
 fn end(setup: Setup) -> String {
     setup.detector.terminate();
     let ended = setup.detector.end();
@@ -220,25 +220,25 @@ fn end(setup: Setup) -> String {
 }
 
 #[test]
-fn a_topic_of_another_encoding_is_refused_once_and_for_all_its_messages() {
+fn a_topic_of_another_encoding_is_rejected_with_all_its_messages() {
     let mut setup = setup("foreign", &[]);
     {
         let mut frames = open(&setup.frames, Some(imu::ENCODING), 10_000);
         frames.publish(&blank(1)).unwrap();
     }
     let mut frames = open(&setup.frames, Some(frame::ENCODING), 10_000);
-    let told = publish_until_seen(&mut frames, &blank(2), &mut setup);
-    assert_eq!(told.source.expect("a frame").frame_id, 2);
+    let published = publish_until_seen(&mut frames, &blank(2), &mut setup);
+    assert_eq!(published.source.expect("a frame").frame_id, 2);
 }
 
-/// Publishes samples of a turn and blank frames by turns until the detector knows the speed.
-fn told_with_speed(setup: &mut Setup, sample: impl Fn() -> Imu) -> FrameSource {
+/// Publishes samples of a turn and blank frames in turn until the detections include a speed.
+fn detections_with_speed(setup: &mut Setup, sample: impl Fn() -> Imu) -> FrameSource {
     let mut frames = open(&setup.frames, Some(frame::ENCODING), 10_000);
     let mut samples = open(&setup.imu, Some(imu::ENCODING), 1000);
     loop {
         samples.publish(&sample().encode()).expect("it fits");
-        let told = publish_until_seen(&mut frames, &blank(0), setup);
-        let source = told.source.expect("a frame");
+        let published = publish_until_seen(&mut frames, &blank(0), setup);
+        let source = published.source.expect("a frame");
         if source.angular_speed.is_some() {
             return source;
         }
@@ -254,22 +254,22 @@ fn turn(stamp: Stamp) -> Imu {
 }
 
 #[test]
-fn the_angular_speed_at_the_time_of_capture_is_told_once_the_imu_is_there() {
+fn the_angular_speed_at_the_capture_time_is_published_once_the_imu_has_started() {
     let mut setup = setup("speed", &[]);
     let now = || Stamp::from_unix_ns(clock::now_ns() as i64 + clock::realtime_offset_ns());
-    let source = told_with_speed(&mut setup, || turn(now()));
+    let source = detections_with_speed(&mut setup, || turn(now()));
     assert_eq!(source.angular_speed, Some(7.0));
 }
 
 #[test]
-fn an_imu_whose_clock_was_never_set_counts_by_the_time_of_its_messages() {
+fn for_an_imu_without_a_clock_the_time_of_its_messages_counts() {
     let mut setup = setup("unset", &[]);
-    let source = told_with_speed(&mut setup, || turn(Stamp::default()));
+    let source = detections_with_speed(&mut setup, || turn(Stamp::default()));
     assert_eq!(source.angular_speed, Some(7.0));
 }
 
 #[test]
-fn sigterm_ends_it_with_its_topic_closed_whatever_it_waits_for() {
+fn sigterm_ends_it_with_its_topic_closed_during_any_wait() {
     let mut setup = setup("sigterm", &[]);
     {
         let mut frames = open(&setup.frames, Some(frame::ENCODING), 10_000);
@@ -283,7 +283,7 @@ fn sigterm_ends_it_with_its_topic_closed_whatever_it_waits_for() {
 }
 
 #[test]
-fn a_detector_that_was_killed_is_followed_by_the_next_on_the_same_topic() {
+fn a_detector_takes_over_the_topic_of_a_killed_one() {
     let mut setup = setup("killed", &[]);
     let _camera = Camera::start(&setup.frames);
     let (before, _) = next_message(&mut setup.detections);
@@ -293,15 +293,15 @@ fn a_detector_that_was_killed_is_followed_by_the_next_on_the_same_topic() {
     loop {
         let (meta, message) = next_message(&mut setup.detections);
         assert!(meta.sequence > before.sequence && meta.lost == 0);
-        let told = TagDetections::decode(&message).expect("detections");
-        if told.source.expect("a frame").capture_time_ns > killed_ns {
+        let published = TagDetections::decode(&message).expect("detections");
+        if published.source.expect("a frame").capture_time_ns > killed_ns {
             return;
         }
     }
 }
 
 #[test]
-fn when_it_ends_it_lets_go_of_the_topics_that_it_read() {
+fn it_releases_the_topics_that_it_read_when_it_ends() {
     let setup = setup("let_go", &[]);
     let _frames = open(&setup.frames, Some(frame::ENCODING), 10_000);
     let mut samples = open(&setup.imu, Some(imu::ENCODING), 1000);
@@ -322,7 +322,7 @@ fn when_it_ends_it_lets_go_of_the_topics_that_it_read() {
 }
 
 #[test]
-fn the_end_of_stdin_ends_it_when_that_was_asked_for() {
+fn the_end_of_stdin_ends_it_with_exit_with_stdin() {
     let mut setup = setup("stdin", &["--exit-with-stdin"]);
     let _camera = Camera::start(&setup.frames);
     setup.next_detections();
@@ -333,7 +333,7 @@ fn the_end_of_stdin_ends_it_when_that_was_asked_for() {
 }
 
 #[test]
-fn help_is_an_answer_and_no_failure() {
+fn help_exits_with_status_0() {
     let ended = call(VISION_TAGS, &["--help"]);
     assert_eq!(
         (ended.status, ended.stdout.as_str()),
@@ -342,7 +342,7 @@ fn help_is_an_answer_and_no_failure() {
 }
 
 #[test]
-fn a_wrong_call_is_one_line_and_status_2() {
+fn a_usage_error_is_one_line_and_status_2() {
     let family = ["--frames", "f", "--detections", "d", "--family", "tag9h9"];
     for arguments in [
         &family[..],
@@ -370,7 +370,7 @@ fn a_detections_topic_with_a_live_publisher_is_one_line_and_status_1() {
 }
 
 #[test]
-fn a_removed_topic_is_made_anew_while_no_frame_comes() {
+fn a_removed_topic_is_created_again_while_no_frame_arrives() {
     let setup = setup("removed", &[]);
     let path = setup.detections.topic().path().to_owned();
     let deadline = Instant::now() + PATIENCE;

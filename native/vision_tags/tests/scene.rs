@@ -1,9 +1,9 @@
-//! The detector on rendered frames, against the truth that the scene knows.
+//! Compares detections in rendered frames with the scene's ground truth.
 
 use camera::scene::{Scene, TAG_IDS};
 use ganglion_messages::frame::{Frame, FrameHeader};
 use ganglion_messages::tags::TagDetection;
-use vision_tags::eye::{Eye, Settings};
+use vision_tags::detector::{Settings, TagDetector};
 
 fn rendered(scene: &Scene, number: u64, seconds: f64) -> Vec<u8> {
     let header = FrameHeader::grey(scene.width(), scene.height(), 0, number as u32);
@@ -13,8 +13,9 @@ fn rendered(scene: &Scene, number: u64, seconds: f64) -> Vec<u8> {
     message
 }
 
-fn look(eye: &mut Eye, message: &[u8]) -> Vec<TagDetection> {
-    eye.look(&Frame::decode(message).expect("a frame"))
+fn detect(detector: &mut TagDetector, message: &[u8]) -> Vec<TagDetection> {
+    detector
+        .detect(&Frame::decode(message).expect("a frame"))
         .expect("a grey frame")
 }
 
@@ -22,13 +23,13 @@ fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
-/// Found corners minus true ones over some frames of a scene, each of whose tags must be found.
+/// Returns found minus true corners over some frames of a scene. Each of its tags must be found.
 fn survey(scene: &Scene, settings: Settings, frames: impl Iterator<Item = u64>) -> Vec<[f64; 2]> {
-    let mut eye = Eye::new(settings);
+    let mut detector = TagDetector::new(settings);
     let mut offsets = Vec::new();
     for number in frames {
         let seconds = number as f64 / 30.0;
-        let found = look(&mut eye, &rendered(scene, number, seconds));
+        let found = detect(&mut detector, &rendered(scene, number, seconds));
         assert_eq!(found.len(), TAG_IDS.len(), "frame {number}");
         for (tag, truth) in found.iter().zip(scene.tags_at(seconds)) {
             assert_eq!((tag.id, tag.hamming), (truth.id as i32, 0));
@@ -42,7 +43,7 @@ fn survey(scene: &Scene, settings: Settings, frames: impl Iterator<Item = u64>) 
     offsets
 }
 
-/// How far corners are off: the median, all but one in a hundred, all.
+/// Returns the median, the 99th percentile and the maximum of the corners' deviations.
 fn deviations(offsets: &[[f64; 2]]) -> (f64, f64, f64) {
     let mut sorted: Vec<f64> = offsets.iter().map(|[x, y]| x.hypot(*y)).collect();
     sorted.sort_by(f64::total_cmp);
@@ -60,9 +61,9 @@ fn every_tag_of_the_scene_is_found_at_its_true_place() {
     assert!(median < 0.15 && most < 0.5 && all < 0.7);
 }
 
-/// Without refinement the detector leans 0.07 px to the upper left, in any picture.
+/// Without refinement the detector has a bias of 0.07 px to the upper left in any picture.
 #[test]
-fn with_refined_edges_nothing_is_left_but_chance() {
+fn with_refined_edges_no_bias_is_left() {
     let settings = Settings {
         refine_edges: true,
         ..Settings::default()
@@ -93,15 +94,19 @@ fn a_scene_of_another_shape_shows_its_tags_too() {
 }
 
 #[test]
-fn rows_that_lie_apart_are_seen_as_rows() {
+fn rows_with_padding_are_read_as_rows() {
     let scene = Scene::new(640, 480);
     let tight = rendered(&scene, 5, 0.2);
-    let mut eye = Eye::new(Settings::default());
-    let expected = look(&mut eye, &tight);
+    let mut detector = TagDetector::new(Settings::default());
+    let expected = detect(&mut detector, &tight);
     assert_eq!(expected.len(), TAG_IDS.len());
     for gap in [1, 24, 96, 200] {
         let spread = spread_apart(&tight, gap);
-        assert_eq!(look(&mut eye, &spread), expected, "a gap of {gap} bytes");
+        assert_eq!(
+            detect(&mut detector, &spread),
+            expected,
+            "a gap of {gap} bytes"
+        );
     }
 }
 
@@ -122,20 +127,20 @@ fn spread_apart(message: &[u8], gap: u32) -> Vec<u8> {
 }
 
 #[test]
-fn frames_of_changing_sizes_are_each_seen_right() {
-    let mut eye = Eye::new(Settings::default());
+fn frames_of_changing_sizes_are_each_read_correctly() {
+    let mut detector = TagDetector::new(Settings::default());
     for (width, height) in [(640, 480), (321, 243), (640, 480), (500, 400)] {
         let scene = Scene::new(width, height);
-        let found = look(&mut eye, &rendered(&scene, 0, 0.5));
+        let found = detect(&mut detector, &rendered(&scene, 0, 0.5));
         assert_eq!(found.len(), TAG_IDS.len(), "{width}x{height}");
     }
 }
 
 #[test]
-fn the_homography_leads_from_the_tag_to_its_corners() {
+fn the_homography_maps_the_tag_to_its_corners() {
     let scene = Scene::new(640, 480);
-    let found = look(
-        &mut Eye::new(Settings::default()),
+    let found = detect(
+        &mut TagDetector::new(Settings::default()),
         &rendered(&scene, 0, 0.0),
     );
     for tag in found {
@@ -158,12 +163,15 @@ fn the_homography_leads_from_the_tag_to_its_corners() {
 fn decimation_and_threads_find_the_same_tags() {
     let scene = Scene::new(640, 480);
     let message = rendered(&scene, 0, 1.0);
-    let mut eye = Eye::new(Settings {
+    let mut detector = TagDetector::new(Settings {
         threads: 2,
         quad_decimate: 2.0,
         refine_edges: true,
         ..Settings::default()
     });
-    let ids: Vec<i32> = look(&mut eye, &message).iter().map(|tag| tag.id).collect();
+    let ids: Vec<i32> = detect(&mut detector, &message)
+        .iter()
+        .map(|tag| tag.id)
+        .collect();
     assert_eq!(ids, TAG_IDS.map(|id| id as i32));
 }

@@ -1,6 +1,7 @@
-//! The thread that follows the inertial unit, so that no sample is lost while the detector works.
+//! The thread that reads the samples of the inertial measurement unit, so that none is lost while
+//! the detector works.
 
-use crate::complaint::Complaints;
+use crate::log_limit::LogLimit;
 use crate::motion::{Motion, sample_time_ns};
 use conduit_ring::{Meta, Read, Subscriber, SubscriberOptions, Topic, clock};
 use ganglion_messages::imu::Imu;
@@ -13,38 +14,42 @@ use std::time::{Duration, Instant};
 
 const PAUSE_AFTER_ERROR: Duration = Duration::from_millis(500);
 
-/// What is known of the motion, filled by a thread of its own.
+/// The motion as its own thread reads it from the ring.
 #[derive(Default)]
-pub struct Gyro {
+pub struct ImuFollower {
     motion: Arc<Mutex<Motion>>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Gyro {
-    /// Starts to follow a topic, which need not exist yet, until the stop is requested.
-    pub fn follow(topic: &Topic, stop: &Stop, log: Log) -> io::Result<Gyro> {
+impl ImuFollower {
+    /// Starts to read a topic, which need not exist yet, until the stop is requested.
+    ///
+    /// # Errors
+    /// The operating system's error when no thread can be started.
+    pub fn start(topic: &Topic, stop: &Stop, log: Log) -> io::Result<ImuFollower> {
         let motion = Arc::default();
-        let follower = Follower {
+        let reader = Reader {
             topic: topic.clone(),
             motion: Arc::clone(&motion),
             stop: stop.clone(),
             log,
-            complaints: Complaints::default(),
+            errors: LogLimit::default(),
         };
         let builder = thread::Builder::new().name("imu".into());
-        let thread = builder.spawn(move || follower.run())?;
-        Ok(Gyro {
+        let thread = builder.spawn(move || reader.run())?;
+        Ok(ImuFollower {
             motion,
             thread: Some(thread),
         })
     }
 
-    /// The angular speed at a moment of `CLOCK_MONOTONIC_RAW`, rad/s, if samples near it say so.
+    /// Returns the angular speed at a time of `CLOCK_MONOTONIC_RAW` in rad/s, or `None` without
+    /// samples near it.
     pub fn angular_speed_at(&self, time_ns: u64) -> Option<f64> {
         lock(&self.motion).angular_speed_at(time_ns)
     }
 
-    /// Waits, after the stop was requested, until the topic is let go.
+    /// Waits until the thread has released the topic. Call it after the stop was requested.
     pub fn join(self) {
         if let Some(thread) = self.thread {
             let _ = thread.join();
@@ -56,16 +61,17 @@ fn lock(motion: &Mutex<Motion>) -> MutexGuard<'_, Motion> {
     motion.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-struct Follower {
+struct Reader {
     topic: Topic,
     motion: Arc<Mutex<Motion>>,
     stop: Stop,
     log: Log,
-    complaints: Complaints,
+    errors: LogLimit,
 }
 
-impl Follower {
-    /// Trouble with the ring is no reason to stop looking for tags: it is tried again.
+impl Reader {
+    /// Reads until the stop is requested. Retries after errors of the ring, because the detector
+    /// works without an IMU too.
     fn run(mut self) {
         let Some(mut imu) = self.open() else { return };
         let waker = imu.waker();
@@ -73,7 +79,7 @@ impl Follower {
         let mut message = Vec::new();
         while !self.stop.requested() {
             match imu.read_timeout(&mut message, Duration::from_secs(1)) {
-                Ok(Read::Message(meta)) => self.take(&message, meta),
+                Ok(Read::Message(meta)) => self.handle(&message, meta),
                 Ok(_) => {}
                 Err(error) => self.pause_after(&error),
             }
@@ -91,24 +97,24 @@ impl Follower {
     }
 
     fn pause_after(&mut self, error: &conduit_ring::Error) {
-        self.complain(error);
+        self.log_error(error);
         self.stop.wait_until(Instant::now() + PAUSE_AFTER_ERROR);
     }
 
-    fn take(&mut self, message: &[u8], meta: Meta) {
+    fn handle(&mut self, message: &[u8], meta: Meta) {
         match Imu::decode(message) {
             Ok(imu) => {
                 let offset_ns = clock::realtime_offset_ns();
                 let time_ns = sample_time_ns(imu.stamp.unix_ns(), meta.timestamp_ns, offset_ns);
                 lock(&self.motion).push(time_ns, imu.angular_velocity);
             }
-            Err(error) => self.complain(&error),
+            Err(error) => self.log_error(&error),
         }
     }
 
-    fn complain(&mut self, error: &dyn std::error::Error) {
-        let what = format!("ring topic {:?}: {error}", self.topic.name());
-        if let Some(line) = self.complaints.add(Instant::now(), what) {
+    fn log_error(&mut self, error: &dyn std::error::Error) {
+        let event = format!("ring topic {:?}: {error}", self.topic.name());
+        if let Some(line) = self.errors.count(Instant::now(), event) {
             self.log.line(line);
         }
     }
