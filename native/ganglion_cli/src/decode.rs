@@ -1,4 +1,4 @@
-//! Messages as JSON values, where their encoding is known here.
+//! Decodes messages of known encodings into JSON values.
 
 use conduit_ring::ContentTag;
 use ganglion_messages::frame::{self, Frame};
@@ -7,8 +7,8 @@ use ganglion_messages::stamp::Stamp;
 use ganglion_messages::tags::{self, FrameSource, TagDetection, TagDetections};
 use serde_json::{Value, json};
 
-/// The message's fields; `None` of an encoding that is not known here, `Err` with the reason for bytes that are not what
-/// their tag says.
+/// Decodes a message. Returns `None` for an unknown encoding, and the reason as `Err` for bytes
+/// that do not match their content tag.
 pub fn decode(content: ContentTag, bytes: &[u8]) -> Option<Result<Value, String>> {
     if content == ContentTag::of(frame::ENCODING) {
         Some(
@@ -33,12 +33,12 @@ pub fn decode(content: ContentTag, bytes: &[u8]) -> Option<Result<Value, String>
     }
 }
 
-/// Bytes as two hexadecimal digits each.
+/// Formats bytes as two hexadecimal digits each.
 pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// A frame's header; the pixels are left out.
+/// Returns a frame's header without the pixels.
 fn frame_value(frame: &Frame<'_>) -> Value {
     let header = &frame.header;
     json!({
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_is_its_header() {
+    fn a_frame_is_decoded_to_its_header() {
         let header = FrameHeader::grey(4, 2, 1_000, 7);
         let value = decoded(frame::ENCODING, &[&header.encode()[..], &[0; 8]].concat());
         assert_eq!(
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_and_tags_are_whole() {
+    fn samples_and_tags_are_decoded_completely() {
         let imu = Imu {
             frame_id: "imu".into(),
             angular_velocity: [0.5, 0.25, -1.0],
@@ -158,9 +158,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_what_its_tag_says_has_a_reason_and_unknown_tags_have_none() {
-        let refused = decode(ContentTag::of(frame::ENCODING), b"pixels").unwrap();
-        assert!(refused.unwrap_err().contains("6 bytes are too few"));
+    fn bytes_that_do_not_match_their_tag_have_a_reason_and_unknown_tags_have_none() {
+        let decoded = decode(ContentTag::of(frame::ENCODING), b"pixels").unwrap();
+        assert!(decoded.unwrap_err().contains("got: 6 bytes"));
         assert_eq!(decode(ContentTag::RAW, b"pixels"), None);
         assert_eq!(hex(&[0, 255, 16]), "00ff10");
     }

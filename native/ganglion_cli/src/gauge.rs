@@ -1,81 +1,81 @@
-//! What `hz`, `bw` and `latency` have in common: they watch, and say each second what they have measured.
+//! The loop that `hz`, `bw` and `latency` share: watch a topic and print a line at intervals.
 
 use crate::options::Options;
 use crate::output::{Output, Record};
 use crate::units;
-use crate::watch::{self, Next, Sight, Watch};
+use crate::watch::{self, Event, Next, Watch};
 use conduit_ring::{Meta, ObserverOptions, clock};
 use program::{Failure, Log};
 use serde_json::{Value, json};
 use std::fmt;
 use std::time::{Duration, Instant};
 
-/// A silence that a line speaks of, seconds.
+/// The silence in seconds from which a line mentions it.
 const LONG_SILENCE_S: f64 = 1.0;
 
-/// The options of a verb that is a gauge.
+/// The options of a verb that measures.
 pub const OPTIONS: &[&str] = &[
     "--every", "--window", "--count", "--wait", "--json", "--help",
 ];
 
-/// Something that is measured of a stream of messages. Times are on the ring's clock.
+/// A measurement of a topic's messages. Times are those of the ring's clock.
 pub trait Gauge {
-    /// What it is called in JSON.
+    /// The event's name in JSON.
     const EVENT: &'static str;
-    /// Takes a message that was seen now.
-    fn message(&mut self, meta: &Meta, now_ns: u64);
-    /// Takes notice that the publisher changed: what comes next does not follow what came before.
+    /// Records a message that was read at `now_ns`.
+    fn record(&mut self, meta: &Meta, now_ns: u64);
+    /// Handles a change of the publisher: the next message does not follow the previous one.
     fn interrupt(&mut self) {}
-    /// What it has measured by now.
-    fn reading(&mut self, now_ns: u64) -> Reading;
+    /// Returns the result up to now.
+    fn measurement(&mut self, now_ns: u64) -> Measurement;
 }
 
-/// What a gauge says: the same as text and as the fields of a JSON object.
-pub struct Reading {
+/// The result of a gauge as text and as the fields of a JSON object.
+pub struct Measurement {
     /// For people.
     pub text: String,
     /// For programs.
     pub fields: Value,
 }
 
-/// One line of a gauge.
+/// One line of output.
 struct Line {
     event: &'static str,
     topic: String,
     publisher: &'static str,
     silent_s: Option<f64>,
-    reading: Reading,
+    measurement: Measurement,
 }
 
-/// Watches a topic with a gauge until it is stopped or has said enough.
+/// Watches a topic with a gauge until a stop is requested or enough lines are printed.
 pub fn run<G: Gauge>(
     mut gauge: G,
     options: &Options,
-    watching: &ObserverOptions,
+    observing: &ObserverOptions,
     output: &mut Output,
     log: Log,
 ) -> Result<(), Failure> {
     let topic = options.topic();
-    let mut watch = Watch::open(options, watching, log)?;
+    let mut watch = Watch::open(options, observing, log)?;
     let mut ticks = Ticks::new(options.every, options.count);
-    let mut last_seen_ns = None;
-    watch::until_enough(&mut watch, output, |watch, sight, output| {
+    let mut last_message_ns = None;
+    watch::for_each(&mut watch, output, |watch, event, output| {
         let now_ns = clock::now_ns();
-        match sight {
-            Sight::Message(meta) => {
-                gauge.message(&meta, now_ns);
-                last_seen_ns = Some(now_ns);
+        match event {
+            Event::Message(meta) => {
+                gauge.record(&meta, now_ns);
+                last_message_ns = Some(now_ns);
             }
-            Sight::Change(_) => gauge.interrupt(),
-            Sight::Nothing => {}
+            Event::Change(_) => gauge.interrupt(),
+            Event::Nothing => {}
         }
         if ticks.is_due() {
             output.put(&Line {
                 event: G::EVENT,
                 topic: topic.name().to_owned(),
                 publisher: watch.publisher(),
-                silent_s: last_seen_ns.map(|last| units::age_s(now_ns, last)),
-                reading: gauge.reading(now_ns),
+                silent_s: last_message_ns.map(|last| units::age_s(now_ns, last)),
+                measurement: gauge.measurement(now_ns),
             })?;
             ticks.advance();
         }
@@ -83,7 +83,7 @@ pub fn run<G: Gauge>(
     })
 }
 
-/// When a line is due.
+/// The times at which a line is due.
 struct Ticks {
     deadline: Instant,
     every: Duration,
@@ -110,15 +110,15 @@ impl Ticks {
 
     fn next(&self) -> Next {
         match self.left {
-            Some(0) => Next::Enough,
-            _ => Next::By(self.deadline),
+            Some(0) => Next::End,
+            _ => Next::Until(self.deadline),
         }
     }
 }
 
 impl fmt::Display for Line {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.reading.text)?;
+        f.write_str(&self.measurement.text)?;
         if self.publisher != "up" {
             write!(f, "  publisher {}", self.publisher)?;
         }
@@ -137,8 +137,8 @@ impl Record for Line {
             "publisher": self.publisher,
             "silent_s": self.silent_s.map(|s| units::rounded(s, 3)),
         });
-        if let (Some(line), Some(fields)) = (line.as_object_mut(), self.reading.fields.as_object())
-        {
+        let fields = self.measurement.fields.as_object();
+        if let (Some(line), Some(fields)) = (line.as_object_mut(), fields) {
             line.extend(fields.clone());
         }
         line

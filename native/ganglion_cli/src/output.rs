@@ -1,4 +1,4 @@
-//! Where the verbs' answers go: records, one after the other, as text or as one JSON object a line.
+//! Printing of records, as text or as one JSON object per line.
 
 use program::Failure;
 use program::stop::Stop;
@@ -6,20 +6,20 @@ use serde_json::Value;
 use std::fmt::Display;
 use std::io::{self, ErrorKind, Write};
 
-/// Something to print: its text is what `Display` gives.
+/// A record to print. Its text is what `Display` writes.
 pub trait Record: Display {
-    /// The same as a JSON object.
+    /// Returns the record as a JSON object.
     fn json(&self) -> Value;
 }
 
-/// The way to stdout.
+/// Prints records to stdout.
 pub struct Output {
     json: bool,
     stop: Stop,
 }
 
 impl Output {
-    /// Prints to stdout. A reader that goes away requests `stop`.
+    /// Creates an output to stdout. Requests `stop` when the reader closes the pipe.
     pub fn to_stdout(json: bool, stop: Stop) -> Output {
         Output { json, stop }
     }
@@ -33,14 +33,15 @@ impl Output {
         }
     }
 
-    /// Prints records as a table that begins with `head`; as JSON, the records alone. A record's text has a tab between
-    /// two columns.
+    /// Prints records as a table that starts with `head`; as JSON, prints the records alone. Tabs
+    /// separate the columns of a record's text.
     pub fn put_table(&mut self, head: &str, records: &[impl Record]) -> Result<(), Failure> {
         if self.json {
             return records.iter().try_for_each(|record| self.put(record));
         }
-        let rows = std::iter::once(head.to_owned()).chain(records.iter().map(ToString::to_string));
-        aligned(rows.collect())
+        let texts = records.iter().map(ToString::to_string);
+        let rows = std::iter::once(head.to_owned()).chain(texts);
+        align(rows.collect())
             .iter()
             .try_for_each(|row| self.line(row))
     }
@@ -48,30 +49,34 @@ impl Output {
     fn line(&self, text: impl Display) -> Result<(), Failure> {
         match writeln!(io::stdout().lock(), "{text}") {
             Err(error) if error.kind() == ErrorKind::BrokenPipe => self.stop.request(),
-            Err(error) => return Err(Failure::Runtime(format!("stdout: {error}"))),
+            Err(error) => {
+                return Err(Failure::Runtime(format!(
+                    "could not write to stdout: {error}"
+                )));
+            }
             Ok(()) => {}
         }
         Ok(())
     }
 
-    /// Whether whoever started this wants no more.
+    /// Returns whether the stop was requested.
     pub fn stopped(&self) -> bool {
         self.stop.requested()
     }
 
-    /// The wish that this ends.
+    /// Returns the stop that ends the program.
     pub fn stop(&self) -> &Stop {
         &self.stop
     }
 }
 
-/// A cell that may be empty.
+/// Formats a value, or a dash for none.
 pub fn or_dash(value: Option<impl ToString>) -> String {
     value.map_or_else(|| "-".into(), |value| value.to_string())
 }
 
-/// Puts columns under each other.
-fn aligned(rows: Vec<String>) -> Vec<String> {
+/// Aligns the columns of rows.
+fn align(rows: Vec<String>) -> Vec<String> {
     let cells: Vec<Vec<&str>> = rows.iter().map(|row| row.split('\t').collect()).collect();
     let columns = cells.iter().map(Vec::len).max().unwrap_or(0);
     let width = |column: usize| {
@@ -100,9 +105,6 @@ mod tests {
         let rows = ["NAME\tN", "imu\t12", "µ-camera\t3"]
             .map(String::from)
             .to_vec();
-        assert_eq!(
-            aligned(rows),
-            ["NAME      N", "imu       12", "µ-camera  3"]
-        );
+        assert_eq!(align(rows), ["NAME      N", "imu       12", "µ-camera  3"]);
     }
 }

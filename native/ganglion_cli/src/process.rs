@@ -1,17 +1,18 @@
-//! What /proc tells of processes. For people to read, never to decide: another process may have the number by now, and
-//! those of other users or containers may not be seen at all.
+//! Processes as /proc shows them. The results are for people to read and never decide anything:
+//! another process may have the id by now, and processes of other users or containers may be
+//! invisible.
 
 use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
-/// The name of a process.
+/// Returns the name of a process.
 pub fn name(pid: u32) -> Option<String> {
     let name = fs::read_to_string(format!("/proc/{pid}/comm")).ok()?;
     Some(name.trim_end().to_owned())
 }
 
-/// A process as text: its number, and its name if it has one.
+/// Returns a process as text: its id, and its name if it has one.
 pub fn label(pid: u32) -> String {
     match name(pid) {
         Some(name) => format!("pid {pid} ({name})"),
@@ -19,7 +20,7 @@ pub fn label(pid: u32) -> String {
     }
 }
 
-/// The processes, this one apart, that can be seen to have a file mapped or open.
+/// Returns the other processes that visibly have a file mapped or open.
 pub fn users_of(path: &Path) -> Vec<u32> {
     let Ok(file) = fs::symlink_metadata(path) else {
         return Vec::new();
@@ -39,13 +40,13 @@ fn has_mapped(pid: u32, inode: u64, device: u64) -> bool {
     maps.lines().any(|line| maps_file(line, inode, device))
 }
 
-/// Whether a line of /proc/PID/maps is a mapping of that file.
+/// Returns whether a line of /proc/PID/maps is a mapping of that file.
 fn maps_file(line: &str, inode: u64, device: u64) -> bool {
     let mut fields = line.split_whitespace().skip(3);
     fields.next() == Some(&device_number(device)) && fields.next() == Some(&inode.to_string())
 }
 
-/// A device as /proc/PID/maps writes it.
+/// Formats a device number as /proc/PID/maps does.
 fn device_number(device: u64) -> String {
     let major = (device >> 8) & 0xfff | (device >> 32) & !0xfff;
     let minor = device & 0xff | (device >> 12) & !0xff;

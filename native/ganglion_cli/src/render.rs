@@ -1,9 +1,10 @@
-//! A tree of JSON values as indented text, in YAML's manner.
+//! Formats a tree of JSON values as indented text, in the style of YAML.
 
 use serde_json::Value;
 use std::fmt::Write;
 
-/// The fields of an object, a line each, indented by `depth` steps; every line ends with a newline.
+/// Formats the fields of an object, one per line, indented by `depth` steps. Each line ends with
+/// a newline.
 pub fn fields(value: &Value, depth: usize) -> String {
     let mut text = String::new();
     object(&mut text, value, depth);
@@ -35,7 +36,7 @@ fn field(text: &mut String, value: &Value, depth: usize) {
     }
 }
 
-/// An object in a list: its first line begins with a dash.
+/// Formats an object in a list. Its first line starts with a dash.
 fn list_item(text: &mut String, item: &Value, depth: usize) {
     let lines = fields(item, depth + 1);
     let dash = 2 * depth;
@@ -62,7 +63,7 @@ mod tests {
     use serde_json::json;
 
     #[test]
-    fn objects_are_indented_and_lists_of_numbers_stand_on_one_line() {
+    fn objects_are_indented_and_lists_of_numbers_are_on_one_line() {
         let value = json!({
             "frame_id": "imu",
             "speed": null,

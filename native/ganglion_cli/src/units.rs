@@ -1,6 +1,6 @@
-//! Quantities as people read them.
+//! Formatting of quantities for people.
 
-/// A time span, in the unit that suits it.
+/// Formats a time span in a suitable unit.
 pub fn span(seconds: f64) -> String {
     match seconds.abs() {
         s if s < 1e-3 => format!("{:.1} µs", seconds * 1e6),
@@ -11,7 +11,7 @@ pub fn span(seconds: f64) -> String {
     }
 }
 
-/// A number of bytes, in the unit that suits it.
+/// Formats a number of bytes in a suitable unit.
 pub fn bytes(count: f64) -> String {
     match count {
         c if c < 1e3 => format!("{count:.0} B"),
@@ -21,7 +21,7 @@ pub fn bytes(count: f64) -> String {
     }
 }
 
-/// A rate.
+/// Formats a rate.
 pub fn rate(hertz: f64) -> String {
     match hertz {
         h if h < 10.0 => format!("{hertz:.2} Hz"),
@@ -30,17 +30,17 @@ pub fn rate(hertz: f64) -> String {
     }
 }
 
-/// Nanoseconds in seconds.
+/// Converts nanoseconds to seconds.
 pub fn seconds(ns: u64) -> f64 {
     ns as f64 / 1e9
 }
 
-/// How long ago something was on the ring's clock, in seconds.
+/// Returns the seconds since a time of the ring's clock.
 pub fn age_s(now_ns: u64, then_ns: u64) -> f64 {
     seconds(now_ns.saturating_sub(then_ns))
 }
 
-/// Rounded for JSON, so that a line stays readable.
+/// Rounds a number, so that a line of JSON stays readable.
 pub fn rounded(value: f64, decimals: i32) -> f64 {
     let scale = 10_f64.powi(decimals);
     (value * scale).round() / scale
@@ -51,7 +51,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantities_have_the_unit_that_suits_them() {
+    fn quantities_have_a_suitable_unit() {
         assert_eq!(span(0.000_012_34), "12.3 µs");
         assert_eq!(span(0.0334), "33.4 ms");
         assert_eq!(span(59.94), "59.9 s");

@@ -1,8 +1,8 @@
-//! Watching a topic: its messages, and what becomes of its publisher.
+//! Watching a topic: its messages and the changes of its publisher.
 
 use crate::options::Options;
 use crate::output::{Output, Record};
-use crate::{absent, process, world};
+use crate::{failure, missing_topic, process};
 use conduit_ring::{ContentTag, Incarnation, Meta, Observer, ObserverOptions, Read};
 use program::{Failure, Log};
 use serde_json::{Value, json};
@@ -10,24 +10,24 @@ use std::fmt;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The longest time without a look whether to stop.
-const PATIENCE: Duration = Duration::from_millis(200);
+/// The longest time between two checks for a stop request.
+const CHECK_PERIOD: Duration = Duration::from_millis(200);
 
-/// How often a new publisher is given a millisecond to write down who it is.
-const INTRODUCTIONS: u32 = 50;
+/// How often to wait a millisecond for a new publisher to write its incarnation.
+const INCARNATION_WAITS: u32 = 50;
 
-/// What was seen.
+/// An event on a watched topic.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Sight {
-    /// A message; its bytes are [`Watch::message`].
+pub enum Event {
+    /// A message; [`Watch::message`] returns its bytes.
     Message(Meta),
-    /// The publisher is another one, or gone.
+    /// The publisher stopped or was replaced.
     Change(Change),
-    /// Nothing, so far.
+    /// No event yet.
     Nothing,
 }
 
-/// What became of a topic's publisher.
+/// A change of a topic's publisher.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Change {
     topic: String,
@@ -43,7 +43,7 @@ enum Kind {
     },
 }
 
-/// A topic that is being watched, without a reader slot.
+/// An observed topic. Observing takes no reader slot.
 pub struct Watch {
     observer: Observer,
     buffer: Vec<u8>,
@@ -51,13 +51,17 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Begins to watch. Says so if there is no publisher to watch yet.
-    pub fn open(options: &Options, watching: &ObserverOptions, log: Log) -> Result<Watch, Failure> {
+    /// Starts to observe. Logs a line if there is no publisher yet.
+    pub fn open(
+        options: &Options,
+        observing: &ObserverOptions,
+        log: Log,
+    ) -> Result<Watch, Failure> {
         let topic = options.topic();
         if !options.wait {
-            absent::refuse(topic)?;
+            missing_topic::check_exists(topic)?;
         }
-        let observer = Observer::open(topic, watching).map_err(world)?;
+        let observer = Observer::open(topic, observing).map_err(failure::runtime)?;
         if !observer.publisher_up() {
             log.line(format_args!("waiting for a publisher of {}", topic.name()));
         }
@@ -68,26 +72,28 @@ impl Watch {
         })
     }
 
-    /// The next thing to be seen before `deadline`. Ends early, with nothing, when it is time to look whether to stop.
-    pub fn next(&mut self, deadline: Instant) -> Result<Sight, Failure> {
+    /// Returns the next event before `deadline`. Returns [`Event::Nothing`] early when it is time
+    /// to check for a stop request.
+    pub fn next(&mut self, deadline: Instant) -> Result<Event, Failure> {
         if self.observer.publisher_up() && self.observer.incarnation() != self.publisher {
-            return Ok(self.introduce());
+            return Ok(self.new_publisher());
         }
-        let patience = deadline
+        let timeout = deadline
             .saturating_duration_since(Instant::now())
-            .min(PATIENCE);
-        let read = self.observer.read_timeout(&mut self.buffer, patience);
-        Ok(match read.map_err(world)? {
-            Read::Message(meta) => Sight::Message(meta),
-            Read::Nothing => Sight::Nothing,
-            Read::PublisherUp => self.introduce(),
+            .min(CHECK_PERIOD);
+        let read = self.observer.read_timeout(&mut self.buffer, timeout);
+        Ok(match read.map_err(failure::runtime)? {
+            Read::Message(meta) => Event::Message(meta),
+            Read::Nothing => Event::Nothing,
+            Read::PublisherUp => self.new_publisher(),
             Read::PublisherDown => self.change(Kind::Down),
         })
     }
 
-    /// Tells who publishes now. A publisher takes its lock first and says then who it is.
-    fn introduce(&mut self) -> Sight {
-        for _ in 0..INTRODUCTIONS {
+    /// Returns the change to a new publisher. A publisher locks the topic first and writes its
+    /// incarnation afterwards.
+    fn new_publisher(&mut self) -> Event {
+        for _ in 0..INCARNATION_WAITS {
             let changed = self.observer.incarnation() != self.publisher;
             thread::sleep(Duration::from_millis(1));
             if changed {
@@ -101,28 +107,28 @@ impl Watch {
                 publisher,
                 previous,
             }),
-            None => Sight::Nothing,
+            None => Event::Nothing,
         }
     }
 
-    fn change(&self, kind: Kind) -> Sight {
-        Sight::Change(Change {
+    fn change(&self, kind: Kind) -> Event {
+        Event::Change(Change {
             topic: self.observer.topic().name().to_owned(),
             kind,
         })
     }
 
-    /// The bytes of the message that was seen last.
+    /// Returns the bytes of the last message.
     pub fn message(&self) -> &[u8] {
         &self.buffer
     }
 
-    /// What its messages are.
+    /// Returns the encoding of the topic's messages.
     pub fn content(&self) -> ContentTag {
         self.observer.content().unwrap_or_default()
     }
 
-    /// How the topic's publisher stands: `up`, `down`, or `absent` while there is no topic.
+    /// Returns the state of the topic's publisher: `up`, `down`, or `absent` without a topic.
     pub fn publisher(&self) -> &'static str {
         match (self.observer.publisher_up(), self.observer.incarnation()) {
             (true, _) => "up",
@@ -132,38 +138,38 @@ impl Watch {
     }
 }
 
-/// Shows sights to `see`, and the changes to whoever reads the output, until `see` has had enough, which it says by `false`,
-/// or whoever started this has.
-pub fn until_enough(
+/// Passes each event to `handle` until `handle` returns [`Next::End`] or a stop is requested.
+/// Prints the changes of the publisher.
+pub fn for_each(
     watch: &mut Watch,
     output: &mut Output,
-    mut see: impl FnMut(&Watch, Sight, &mut Output) -> Result<Next, Failure>,
+    mut handle: impl FnMut(&Watch, Event, &mut Output) -> Result<Next, Failure>,
 ) -> Result<(), Failure> {
-    let mut next = Next::By(Instant::now());
-    while let Next::By(deadline) = next
+    let mut next = Next::Until(Instant::now());
+    while let Next::Until(deadline) = next
         && !output.stopped()
     {
-        let sight = watch.next(deadline)?;
-        if let Sight::Change(change) = &sight {
+        let event = watch.next(deadline)?;
+        if let Event::Change(change) = &event {
             output.put(change)?;
         }
-        next = see(watch, sight, output)?;
+        next = handle(watch, event, output)?;
     }
     Ok(())
 }
 
-/// What is to come after a sight.
+/// The continuation after an event.
 pub enum Next {
-    /// Another one, or nothing by then.
-    By(Instant),
-    /// None.
-    Enough,
+    /// Wait for the next event until this time.
+    Until(Instant),
+    /// End.
+    End,
 }
 
 impl fmt::Display for Change {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.kind {
-            Kind::Down => f.write_str("-- the publisher is gone"),
+            Kind::Down => f.write_str("-- publisher stopped"),
             Kind::Up {
                 publisher,
                 previous,
@@ -171,13 +177,9 @@ impl fmt::Display for Change {
                 let verb = if previous.is_some() {
                     "restarted"
                 } else {
-                    "came"
+                    "started"
                 };
-                write!(
-                    f,
-                    "-- the publisher {verb}: {}",
-                    process::label(publisher.pid)
-                )
+                write!(f, "-- publisher {verb}: {}", process::label(publisher.pid))
             }
         }
     }

@@ -1,12 +1,12 @@
-//! The most recent of a stream of values.
+//! A sliding window over a stream of values.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// The most that is kept, whatever the stream's rate.
+/// The most values kept at any rate.
 const MOST: usize = 1 << 20;
 
-/// Values and when they came, back to a span of time before now.
+/// The values of the last time span.
 #[derive(Debug)]
 pub struct Window<T> {
     span_ns: u64,
@@ -14,7 +14,7 @@ pub struct Window<T> {
 }
 
 impl<T> Window<T> {
-    /// An empty one.
+    /// Returns an empty window.
     pub fn new(span: Duration) -> Window<T> {
         Window {
             span_ns: u64::try_from(span.as_nanos()).unwrap_or(u64::MAX),
@@ -22,7 +22,7 @@ impl<T> Window<T> {
         }
     }
 
-    /// Adds what came now.
+    /// Adds a value that arrived at `now_ns`.
     pub fn push(&mut self, now_ns: u64, value: T) {
         if self.entries.len() == MOST {
             self.entries.pop_front();
@@ -30,20 +30,20 @@ impl<T> Window<T> {
         self.entries.push_back((now_ns, value));
     }
 
-    /// Drops what is too old by now.
+    /// Drops the values that are older than the span.
     pub fn expire(&mut self, now_ns: u64) {
         let oldest = now_ns.saturating_sub(self.span_ns);
-        while self.entries.front().is_some_and(|&(came, _)| came < oldest) {
+        while self.entries.front().is_some_and(|&(at, _)| at < oldest) {
             self.entries.pop_front();
         }
     }
 
-    /// What is there, the oldest first.
+    /// Iterates over the values from the oldest.
     pub fn values(&self) -> impl Iterator<Item = &T> {
         self.entries.iter().map(|(_, value)| value)
     }
 
-    /// How far back it looks, ns.
+    /// Returns the time span in nanoseconds.
     pub fn span_ns(&self) -> u64 {
         self.span_ns
     }
@@ -54,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_older_than_the_span_is_dropped() {
+    fn values_older_than_the_span_are_dropped() {
         let mut window = Window::new(Duration::from_nanos(10));
         for time in [1, 5, 20] {
             window.push(time, time);

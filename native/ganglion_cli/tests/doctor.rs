@@ -1,4 +1,4 @@
-//! `ganglion doctor` in a /dev/shm that kills have littered.
+//! `ganglion doctor` with files that killed processes left in /dev/shm.
 
 mod support;
 
@@ -20,7 +20,7 @@ fn doctor(scratch: &Scratch, options: &[&str]) -> Answer {
     run(&arguments)
 }
 
-/// Topic, problem and, with `--fix`, outcome.
+/// Returns topic, problem and, with `--fix`, outcome of each finding.
 fn findings(answer: &Answer) -> Vec<(String, String, Option<String>)> {
     let text = |value: &Value| value.as_str().map(str::to_owned);
     let lines = answer.json();
@@ -41,7 +41,7 @@ fn summary(answer: &Answer) -> Value {
     answer.json().pop().unwrap()
 }
 
-/// A topic as a legacy publisher makes it.
+/// Writes a topic as a legacy publisher creates it.
 fn write_legacy(topic: &Topic) {
     let mut file = vec![0; 1216 + 4 * 64];
     for (at, value) in [(0, 4_u32), (4, 64), (8, 16)] {
@@ -56,7 +56,7 @@ fn set_legacy_bits(topic: &Topic, bits: u8) {
 }
 
 #[test]
-fn a_shm_littered_by_kills_is_repaired_and_the_living_go_on() {
+fn the_leftovers_of_kills_are_repaired_and_live_topics_are_not_disturbed() {
     let scratch = Scratch::alone();
     let live = scratch.topic("live");
     let mut living = publisher(&live, ContentTag::RAW);
@@ -84,7 +84,7 @@ fn a_shm_littered_by_kills_is_repaired_and_the_living_go_on() {
     assert_eq!(found.status, Some(1));
     assert_eq!(
         found.stderr,
-        "ganglion: 8 problems found; ganglion doctor --fix repairs what is safe\n"
+        "ganglion: 8 problems found; run ganglion doctor --fix to make the safe repairs\n"
     );
     let problems = findings(&found);
     let problem_of = |topic: &Topic| {
@@ -103,7 +103,7 @@ fn a_shm_littered_by_kills_is_repaired_and_the_living_go_on() {
     assert_eq!(
         findings(&doctor(&scratch, &[])),
         problems,
-        "a look changes nothing"
+        "an examination changes nothing"
     );
 
     let fixed = doctor(&scratch, &["--fix"]);
@@ -134,7 +134,7 @@ fn a_shm_littered_by_kills_is_repaired_and_the_living_go_on() {
 }
 
 #[test]
-fn a_dead_topic_that_a_reader_waits_on_is_told_and_left() {
+fn a_dead_topic_with_a_waiting_reader_is_reported_and_left() {
     let scratch = Scratch::alone();
     let topic = scratch.topic("a");
     let publisher = Helper::start("publish", &topic);
@@ -161,7 +161,7 @@ fn a_dead_topic_that_a_reader_waits_on_is_told_and_left() {
 }
 
 #[test]
-fn keep_dead_leaves_a_file_to_a_successor_and_clears_what_is_dead_in_it() {
+fn keep_dead_keeps_a_file_for_a_successor_and_clears_dead_readers_in_it() {
     let scratch = Scratch::alone();
     let topic = scratch.topic("a");
     let mut publisher = publisher(&topic, ContentTag::RAW);
@@ -181,7 +181,7 @@ fn keep_dead_leaves_a_file_to_a_successor_and_clears_what_is_dead_in_it() {
 }
 
 #[test]
-fn legacy_bits_in_a_topic_that_lives_are_not_touched() {
+fn legacy_bits_in_a_live_topic_are_not_touched() {
     let scratch = Scratch::alone();
     let topic = scratch.topic("a");
     let publisher = publisher(&topic, ContentTag::RAW);
@@ -191,7 +191,7 @@ fn legacy_bits_in_a_topic_that_lives_are_not_touched() {
 }
 
 #[test]
-fn a_legacy_file_is_removed_once_nobody_has_it() {
+fn a_legacy_file_is_removed_once_no_process_has_it_open() {
     let scratch = Scratch::alone();
     let topic = scratch.topic("a");
     write_legacy(&topic);
@@ -208,7 +208,7 @@ fn a_legacy_file_is_removed_once_nobody_has_it() {
 }
 
 #[test]
-fn what_is_none_of_ours_is_told_and_never_touched() {
+fn a_foreign_file_is_reported_and_never_touched() {
     let scratch = Scratch::alone();
     let [notes, folder, link] = ["notes", "folder", "link"].map(|name| scratch.topic(name));
     write(&notes, b"buy milk");
@@ -219,18 +219,21 @@ fn what_is_none_of_ours_is_told_and_never_touched() {
         (fixed.status, fixed.stderr.as_str()),
         (Some(1), "ganglion: 3 problems left\n")
     );
-    let told: Vec<_> = findings(&fixed)
+    let reported: Vec<_> = findings(&fixed)
         .into_iter()
         .map(|(_, problem, outcome)| (problem, outcome))
         .collect();
     let left = |problem: &str| (problem.to_owned(), Some("left".to_owned()));
-    assert_eq!(told, [left("foreign"), left("foreign"), left("damaged")]);
+    assert_eq!(
+        reported,
+        [left("foreign"), left("foreign"), left("damaged")]
+    );
     assert_eq!(fs::read(notes.path()).unwrap(), b"buy milk");
     assert!(folder.path().is_dir() && link.path().is_symlink());
 }
 
 #[test]
-fn without_json_a_problem_is_a_line_with_its_remedy() {
+fn without_json_a_problem_is_a_line_with_its_repair() {
     let scratch = Scratch::alone();
     let topic = scratch.topic("a");
     let publisher = Helper::start("publish", &topic);
@@ -241,20 +244,22 @@ fn without_json_a_problem_is_a_line_with_its_remedy() {
     assert_eq!(
         answer.stdout,
         format!(
-            "{path}: its publisher, pid {pid}, is dead; --fix removes it\ntopics 1  problems 1\n"
+            "{path}: publisher with pid {pid} is dead; --fix removes the file\n\
+             topics 1  problems 1\n"
         )
     );
     let answer = run(&["doctor", "--prefix", &scratch.prefix, "--fix"]);
     assert_eq!(
         answer.stdout,
         format!(
-            "{path}: its publisher, pid {pid}, is dead: removed\ntopics 1  problems 1  repaired 1  left 0\n"
+            "{path}: publisher with pid {pid} is dead: removed\n\
+             topics 1  problems 1  repaired 1  left 0\n"
         )
     );
 }
 
 #[test]
-fn a_successor_finds_its_way_after_a_repair() {
+fn a_successor_starts_after_a_repair() {
     let scratch = Scratch::alone();
     let topic = scratch.topic("a");
     Helper::start("publish", &topic).kill();
@@ -264,7 +269,7 @@ fn a_successor_finds_its_way_after_a_repair() {
 }
 
 #[test]
-fn a_reader_that_holds_a_slot_for_too_long_is_named() {
+fn a_reader_that_holds_a_slot_for_too_long_is_reported() {
     let scratch = Scratch::alone();
     let topic = scratch.topic("a");
     let mut publisher = publisher(&topic, ContentTag::RAW);
@@ -301,7 +306,7 @@ fn a_reader_that_holds_a_slot_for_too_long_is_named() {
 }
 
 #[test]
-fn a_publisher_whose_file_has_lost_its_name_is_named() {
+fn a_publisher_whose_file_has_lost_its_name_is_reported() {
     let scratch = Scratch::alone();
     let topic = scratch.topic("a");
     let publisher = Helper::start("hold", &topic);
@@ -322,7 +327,7 @@ fn a_publisher_whose_file_has_lost_its_name_is_named() {
 }
 
 #[test]
-fn a_dead_legacy_publishers_topic_that_our_readers_have_is_told() {
+fn a_dead_legacy_publishers_topic_that_our_readers_use_is_reported() {
     let scratch = Scratch::alone();
     let topic = scratch.topic("a");
     write_legacy(&topic);

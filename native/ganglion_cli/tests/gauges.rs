@@ -1,4 +1,4 @@
-//! The verbs that measure: what they say, and that they outlive the publisher they watch.
+//! The verbs that measure: their output, and that they continue after their publisher's death.
 
 mod support;
 
@@ -11,7 +11,7 @@ fn child() {
 }
 
 #[test]
-fn hz_goes_on_when_its_publisher_is_killed_and_started_again_and_says_so() {
+fn hz_continues_when_its_publisher_is_killed_and_started_again_and_reports_it() {
     let scratch = Scratch::new();
     let topic = scratch.topic("a");
     let first = Helper::start("publish", &topic);
@@ -33,7 +33,7 @@ fn hz_goes_on_when_its_publisher_is_killed_and_started_again_and_says_so() {
     first.kill();
     hz.json_with(|line| line["event"] == "publisher_down");
     hz.json_with(|line| line["event"] == "hz" && line["publisher"] == "down");
-    // Longer than the machine keeps a publisher from publishing.
+    // Longer than the machine delays a publisher.
     let long = |line: &Value| line["silent_s"].as_f64().is_some_and(|s| s > 3.0);
     let silent = hz.json_with(long);
     assert_eq!(silent["rate_hz"], json!(0.0));
@@ -49,13 +49,13 @@ fn hz_goes_on_when_its_publisher_is_killed_and_started_again_and_says_so() {
     let line = hz.json_with(|line| line["event"] == "hz" && line["mean_ms"].is_f64());
     assert!(
         line["max_ms"].as_f64().unwrap() < 3000.0,
-        "the pause is no period: {line}"
+        "the pause is not a period: {line}"
     );
     assert_eq!(hz.interrupt().code(), Some(0));
 }
 
 #[test]
-fn hz_notices_a_publisher_that_was_replaced_too_fast_to_be_missed() {
+fn hz_detects_a_publisher_that_is_replaced_at_once() {
     let scratch = Scratch::new();
     let topic = scratch.topic("a");
     let mut old = Helper::start("publish", &topic);
@@ -73,16 +73,16 @@ fn hz_notices_a_publisher_that_was_replaced_too_fast_to_be_missed() {
 }
 
 #[test]
-fn hz_waits_for_a_topic_and_says_in_words_what_becomes_of_it() {
+fn hz_waits_for_a_topic_and_prints_the_changes_of_its_publisher() {
     let scratch = Scratch::new();
     let topic = scratch.topic("a");
     let mut hz = Watcher::start(&["hz", topic.name(), "--wait", "--every", "0.1"]);
     hz.line_with(|line| line.contains("publisher absent"));
     let publisher = Helper::start("publish", &topic);
-    let came = hz.line_with(|line| line.starts_with("-- "));
+    let started = hz.line_with(|line| line.starts_with("-- "));
     assert!(
-        came.starts_with(&format!("-- the publisher came: pid {}", publisher.pid())),
-        "{came}"
+        started.starts_with(&format!("-- publisher started: pid {}", publisher.pid())),
+        "{started}"
     );
     let line = hz.line_with(|line| line.contains("period mean "));
     for word in [
@@ -96,12 +96,12 @@ fn hz_waits_for_a_topic_and_says_in_words_what_becomes_of_it() {
         assert!(line.contains(word), "{word}: {line}");
     }
     publisher.kill();
-    hz.line_with(|line| line == "-- the publisher is gone\n");
+    hz.line_with(|line| line == "-- publisher stopped\n");
     assert_eq!(hz.interrupt().code(), Some(0));
 }
 
 #[test]
-fn bw_tells_bytes_a_second_and_sizes() {
+fn bw_prints_bytes_per_second_and_sizes() {
     let scratch = Scratch::new();
     let topic = scratch.topic("a");
     let _publisher = Helper::start("publish", &topic);
@@ -141,7 +141,7 @@ fn bw_tells_bytes_a_second_and_sizes() {
 }
 
 #[test]
-fn latency_tells_percentiles_in_order() {
+fn latency_prints_percentiles_in_order() {
     let scratch = Scratch::new();
     let topic = scratch.topic("a");
     let _publisher = Helper::start("publish", &topic);

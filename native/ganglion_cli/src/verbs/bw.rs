@@ -1,10 +1,10 @@
-//! `ganglion bw`: how many bytes go through a topic.
+//! `ganglion bw`: measures the bandwidth of a topic.
 
-use super::Verb;
-use crate::gauge::{self, Gauge, Reading};
+use crate::gauge::{self, Gauge, Measurement};
 use crate::options::Options;
 use crate::output::Output;
 use crate::units::{self, rounded};
+use crate::verb::Verb;
 use crate::window::Window;
 use conduit_ring::{Meta, ObserverOptions, clock};
 use program::{Failure, Log};
@@ -13,7 +13,7 @@ use std::time::Duration;
 
 pub const VERB: Verb = Verb {
     name: "bw",
-    summary: "bytes a second, and sizes",
+    summary: "bytes per second and message sizes",
     help: HELP,
     takes_topic: true,
     options: gauge::OPTIONS,
@@ -21,23 +21,24 @@ pub const VERB: Verb = Verb {
 };
 
 const HELP: &str = "\
-ganglion bw: how many bytes go through a topic
+ganglion bw: measures the bandwidth of a topic
 
 Usage: ganglion bw TOPIC [options]
 
-  --every SECONDS    from line to line, 0.01 to 3600; default 1
-  --window SECONDS   how far back a line looks, 0.01 to 3600; default 5
+  --every SECONDS    time between two lines, 0.01 to 3600; default 1
+  --window SECONDS   time span that a line summarises, 0.01 to 3600; default 5
   --count N          end after N lines
-  --wait             wait for a topic that is not there
-  --json             one JSON object a line
-  --help             this text
+  --wait             wait for a topic that does not exist
+  --json             print one JSON object per line
+  --help             print this help
 
-Each line has bytes and messages a second, the mean, least and greatest size of a message, and how many messages were
-seen and lost since the start. Bytes are those of the messages, without the ring's own; those of lost messages, which
-were overwritten before they were seen here, are not known and do not count.
+Each line shows bytes and messages per second, the mean, smallest and largest message size, and
+the numbers of received and lost messages since the start. Bytes are those of the messages
+without the ring's headers. Lost messages, which were overwritten before ganglion read them, do
+not count because their sizes are unknown.
 
-A topic that is not there is a mistake, unless you --wait for it. It goes on when the publisher
-dies and when it comes back, which it says. It takes no reader slot.
+Without --wait a topic that does not exist is an error. ganglion continues when the publisher
+dies or starts again, and prints a line about it. It takes no reader slot.
 ";
 
 fn run(options: &Options, output: &mut Output, log: Log) -> Result<(), Failure> {
@@ -66,13 +67,13 @@ impl Sizes {
 impl Gauge for Sizes {
     const EVENT: &'static str = "bw";
 
-    fn message(&mut self, meta: &Meta, now_ns: u64) {
+    fn record(&mut self, meta: &Meta, now_ns: u64) {
         self.messages += 1;
         self.lost += meta.lost;
         self.window.push(now_ns, meta.len);
     }
 
-    fn reading(&mut self, now_ns: u64) -> Reading {
+    fn measurement(&mut self, now_ns: u64) -> Measurement {
         self.window.expire(now_ns);
         let elapsed_ns = now_ns
             .saturating_sub(self.start_ns)
@@ -105,7 +106,7 @@ impl Gauge for Sizes {
             self.messages,
             self.lost
         );
-        Reading { text, fields }
+        Measurement { text, fields }
     }
 }
 
@@ -125,11 +126,11 @@ mod tests {
     }
 
     #[test]
-    fn bytes_a_second_are_those_of_the_window_and_of_less_in_the_beginning() {
+    fn rates_are_those_of_the_window_and_of_a_shorter_time_at_the_start() {
         let mut sizes = Sizes::new(Duration::from_secs(5), 100 * S);
-        sizes.message(&message(100), 101 * S);
-        sizes.message(&message(300), 102 * S);
-        let fields = sizes.reading(102 * S).fields;
+        sizes.record(&message(100), 101 * S);
+        sizes.record(&message(300), 102 * S);
+        let fields = sizes.measurement(102 * S).fields;
         assert_eq!(fields["bytes_per_s"], 200.0);
         assert_eq!(fields["messages_per_s"], 1.0);
         assert_eq!(fields["mean_bytes"], 200.0);
@@ -138,9 +139,9 @@ mod tests {
             (&json!(100), &json!(300))
         );
 
-        let fields = sizes.reading(107 * S).fields;
+        let fields = sizes.measurement(107 * S).fields;
         assert_eq!(fields["bytes_per_s"], 60.0);
-        let fields = sizes.reading(120 * S).fields;
+        let fields = sizes.measurement(120 * S).fields;
         assert_eq!(
             (&fields["bytes_per_s"], &fields["messages"]),
             (&json!(0.0), &json!(2))

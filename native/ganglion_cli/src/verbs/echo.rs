@@ -1,11 +1,11 @@
-//! `ganglion echo`: the messages themselves.
+//! `ganglion echo`: prints the messages of a topic.
 
-use super::Verb;
 use crate::decode::{decode, hex};
 use crate::options::Options;
 use crate::output::{Output, Record};
-use crate::watch::{self, Next, Sight, Watch};
-use crate::{content, render, units};
+use crate::verb::Verb;
+use crate::watch::{self, Event, Next, Watch};
+use crate::{names, render, units};
 use conduit_ring::{Meta, ObserverOptions, Start, clock};
 use program::{Failure, Log};
 use serde_json::{Value, json};
@@ -22,28 +22,29 @@ pub const VERB: Verb = Verb {
 };
 
 const HELP: &str = "\
-ganglion echo: prints a topic's messages
+ganglion echo: prints the messages of a topic
 
 Usage: ganglion echo TOPIC [options]
 
   --count N   end after N messages
-  --latest    begin with the newest message that is there, not with the next one
-  --raw       decode nothing: every byte, hexadecimal
-  --wait      wait for a topic that is not there
-  --json      one JSON object a line
-  --help      this text
+  --latest    start with the newest message that the ring holds instead of the next one
+  --raw       print all bytes in hexadecimal, without decoding
+  --wait      wait for a topic that does not exist
+  --json      print one JSON object per line
+  --help      print this help
 
-Decodes what the topic's content tag names: conduit/frame (the header, not the pixels), sensor_msgs/msg/Imu and
-apriltag_msgs/msg/AprilTagDetectionArray. Of anything else, and of what is not what its tag says, the first 256 bytes are
-printed, hexadecimal.
+echo decodes the encodings conduit/frame (the header without the pixels), sensor_msgs/msg/Imu
+and apriltag_msgs/msg/AprilTagDetectionArray, as the topic's content tag names them. It prints
+the first 256 bytes of other messages, and of messages that do not match their content tag, in
+hexadecimal.
 
-A topic that is not there is a mistake, unless you --wait for it. It goes on when the publisher
-dies and when it comes back, which it says. It takes no reader slot.
+Without --wait a topic that does not exist is an error. ganglion continues when the publisher
+dies or starts again, and prints a line about it. It takes no reader slot.
 ";
 
-/// Bytes of an undecoded message that are printed unless all are asked for.
+/// The bytes printed of an undecoded message without `--raw`.
 const EXCERPT: usize = 256;
-const BYTES_A_ROW: usize = 16;
+const BYTES_PER_ROW: usize = 16;
 
 fn run(options: &Options, output: &mut Output, log: Log) -> Result<(), Failure> {
     let start = if options.latest {
@@ -51,25 +52,25 @@ fn run(options: &Options, output: &mut Output, log: Log) -> Result<(), Failure> 
     } else {
         Start::New
     };
-    let watching = ObserverOptions {
+    let observing = ObserverOptions {
         start,
         ..ObserverOptions::default()
     };
-    let mut watch = Watch::open(options, &watching, log)?;
+    let mut watch = Watch::open(options, &observing, log)?;
     let mut left = options.count;
-    watch::until_enough(&mut watch, output, |watch, sight, output| {
-        if let Sight::Message(meta) = sight {
-            output.put(&Message::read(watch, meta, options))?;
+    watch::for_each(&mut watch, output, |watch, event, output| {
+        if let Event::Message(meta) = event {
+            output.put(&Message::new(watch, meta, options))?;
             left = left.map(|left| left - 1);
         }
         Ok(match left {
-            Some(0) => Next::Enough,
-            _ => Next::By(Instant::now() + Duration::from_secs(1)),
+            Some(0) => Next::End,
+            _ => Next::Until(Instant::now() + Duration::from_secs(1)),
         })
     })
 }
 
-/// A message as it is printed.
+/// A message to print.
 struct Message {
     topic: String,
     content: String,
@@ -80,24 +81,24 @@ struct Message {
 
 enum Body {
     Decoded(Value),
-    /// Its bytes, or the first of them; and why they were not decoded, if they should have been.
+    /// The bytes, or the first of them, and the reason if decoding failed.
     Bytes(Vec<u8>, Option<String>),
 }
 
 impl Message {
-    fn read(watch: &Watch, meta: Meta, options: &Options) -> Message {
+    fn new(watch: &Watch, meta: Meta, options: &Options) -> Message {
         Message {
             topic: options.topic().name().to_owned(),
-            content: content::name(watch.content()),
+            content: names::encoding(watch.content()),
             meta,
             age_s: units::age_s(clock::now_ns(), meta.timestamp_ns),
-            body: Body::read(watch, options.raw),
+            body: Body::new(watch, options.raw),
         }
     }
 }
 
 impl Body {
-    fn read(watch: &Watch, raw: bool) -> Body {
+    fn new(watch: &Watch, raw: bool) -> Body {
         let bytes = watch.message();
         if raw {
             return Body::Bytes(bytes.to_vec(), None);
@@ -129,7 +130,7 @@ impl fmt::Display for Message {
             units::span(self.age_s)
         )?;
         if lost > 0 {
-            write!(f, "  {lost} lost before")?;
+            write!(f, "  {lost} lost before it")?;
         }
         match &self.body {
             Body::Decoded(fields) => write!(f, "\n{}", render::fields(fields, 1).trim_end()),
@@ -148,13 +149,13 @@ impl fmt::Display for Message {
 }
 
 fn write_dump(f: &mut fmt::Formatter<'_>, bytes: &[u8]) -> fmt::Result {
-    for (row, chunk) in bytes.chunks(BYTES_A_ROW).enumerate() {
+    for (row, chunk) in bytes.chunks(BYTES_PER_ROW).enumerate() {
         let columns: Vec<String> = chunk.iter().map(|byte| format!("{byte:02x}")).collect();
         let text: String = chunk.iter().map(|&byte| printable(byte)).collect();
         write!(
             f,
             "\n  {:06x}  {:<47}  {text}",
-            row * BYTES_A_ROW,
+            row * BYTES_PER_ROW,
             columns.join(" ")
         )?;
     }

@@ -1,10 +1,10 @@
-//! `ganglion hz`: how often messages are published, and how evenly.
+//! `ganglion hz`: measures the rate of a topic and the regularity of its messages.
 
-use super::Verb;
-use crate::gauge::{self, Gauge, Reading};
+use crate::gauge::{self, Gauge, Measurement};
 use crate::options::Options;
 use crate::output::Output;
 use crate::units::{self, rounded};
+use crate::verb::Verb;
 use crate::window::Window;
 use conduit_ring::{Meta, ObserverOptions};
 use program::{Failure, Log};
@@ -13,7 +13,7 @@ use std::time::Duration;
 
 pub const VERB: Verb = Verb {
     name: "hz",
-    summary: "rate, and how even it is",
+    summary: "rate and regularity",
     help: HELP,
     takes_topic: true,
     options: gauge::OPTIONS,
@@ -21,24 +21,26 @@ pub const VERB: Verb = Verb {
 };
 
 const HELP: &str = "\
-ganglion hz: how often a topic's messages are published, and how evenly
+ganglion hz: measures the rate of a topic and the regularity of its messages
 
 Usage: ganglion hz TOPIC [options]
 
-  --every SECONDS    from line to line, 0.01 to 3600; default 1
-  --window SECONDS   how far back a line looks, 0.01 to 3600; default 5
+  --every SECONDS    time between two lines, 0.01 to 3600; default 1
+  --window SECONDS   time span that a line summarises, 0.01 to 3600; default 5
   --count N          end after N lines
-  --wait             wait for a topic that is not there
-  --json             one JSON object a line
-  --help             this text
+  --wait             wait for a topic that does not exist
+  --json             print one JSON object per line
+  --help             print this help
 
-Each line has the rate, then mean, least, greatest and standard deviation of the period from one message to the next, by
-the publisher's own time stamps, and how many messages were seen and lost since the start. Lost are those that were
-overwritten before they were seen here; they count in the rate, by their sequence numbers. A silence longer than the
-longest period counts as a period that is not over, so that the rate of a topic that went quiet falls.
+Each line shows the rate, the mean, shortest and longest period between two messages and its
+standard deviation, by the publisher's time stamps, and the numbers of received and lost
+messages since the start. Lost messages were overwritten before ganglion read them; the rate
+includes them, by their sequence numbers. A silence that is longer than the longest period
+counts as a period that has not ended, so that the rate of a silent topic falls.
 
-A topic that is not there is a mistake, unless you --wait for it. It goes on when the publisher
-dies and when it comes back, which it says; the time between is no period. It takes no reader slot.
+Without --wait a topic that does not exist is an error. ganglion continues when the publisher
+dies or starts again, and prints a line about it; the time between is not a period. It takes no
+reader slot.
 ";
 
 fn run(options: &Options, output: &mut Output, log: Log) -> Result<(), Failure> {
@@ -46,24 +48,24 @@ fn run(options: &Options, output: &mut Output, log: Log) -> Result<(), Failure> 
     gauge::run(gauge, options, &ObserverOptions::default(), output, log)
 }
 
-/// From one message to the next one seen.
+/// The step from one received message to the next.
 struct Step {
     span_ns: u64,
-    /// Sequence numbers between them: 1 unless messages were lost.
+    /// Difference of the sequence numbers: 1 unless messages were lost.
     steps: u64,
 }
 
 struct Periods {
     window: Window<Step>,
-    /// What the next message's period begins with.
+    /// The message with which the next period starts.
     previous: Option<Meta>,
-    /// The newest time stamp, be it of a publisher that is gone.
+    /// The newest time stamp, even if its publisher is gone.
     newest_ns: Option<u64>,
     messages: u64,
     lost: u64,
 }
 
-/// Of the periods in a window, seconds.
+/// Statistics of the periods in a window, in seconds.
 #[derive(Debug, PartialEq)]
 struct Statistics {
     mean: f64,
@@ -83,7 +85,8 @@ impl Periods {
         }
     }
 
-    /// Messages a second, the silence since the last one included if it is longer than any period.
+    /// Returns the messages per second. Includes the silence since the last message if it is
+    /// longer than any period.
     fn rate(&self, now_ns: u64) -> f64 {
         let steps: u64 = self.window.values().map(|step| step.steps).sum();
         let span: u64 = self.window.values().map(|step| step.span_ns).sum();
@@ -103,7 +106,8 @@ impl Periods {
         }
     }
 
-    /// `None` without a period. Where messages were lost, the single periods are not known and count in the mean alone.
+    /// Returns the statistics, or `None` without a period. Periods with lost messages have
+    /// unknown parts and count only in the mean.
     fn statistics(&self) -> Option<Statistics> {
         let steps: u64 = self.window.values().map(|step| step.steps).sum();
         let span: u64 = self.window.values().map(|step| step.span_ns).sum();
@@ -124,7 +128,7 @@ impl Periods {
 impl Gauge for Periods {
     const EVENT: &'static str = "hz";
 
-    fn message(&mut self, meta: &Meta, now_ns: u64) {
+    fn record(&mut self, meta: &Meta, now_ns: u64) {
         self.messages += 1;
         self.lost += meta.lost;
         self.newest_ns = Some(meta.timestamp_ns);
@@ -141,7 +145,7 @@ impl Gauge for Periods {
         self.previous = None;
     }
 
-    fn reading(&mut self, now_ns: u64) -> Reading {
+    fn measurement(&mut self, now_ns: u64) -> Measurement {
         self.window.expire(now_ns);
         let rate = self.rate(now_ns);
         let statistics = self.statistics();
@@ -173,7 +177,7 @@ impl Gauge for Periods {
             "{}  {periods}  messages {messages}  lost {lost}",
             units::rate(rate)
         );
-        Reading { text, fields }
+        Measurement { text, fields }
     }
 }
 
@@ -192,17 +196,17 @@ mod tests {
         }
     }
 
-    fn seen(messages: &[(u64, u64)]) -> Periods {
+    fn periods(messages: &[(u64, u64)]) -> Periods {
         let mut periods = Periods::new(Duration::from_secs(5));
         for &(time_ms, lost) in messages {
-            periods.message(&meta(time_ms, lost), time_ms * MS);
+            periods.record(&meta(time_ms, lost), time_ms * MS);
         }
         periods
     }
 
     #[test]
-    fn even_messages_have_a_rate_and_no_deviation() {
-        let periods = seen(&[(0, 0), (10, 0), (20, 0), (30, 0)]);
+    fn regular_messages_have_a_rate_and_no_deviation() {
+        let periods = periods(&[(0, 0), (10, 0), (20, 0), (30, 0)]);
         assert_eq!(periods.rate(31 * MS), 100.0);
         let statistics = periods.statistics().unwrap();
         assert_eq!(
@@ -214,7 +218,7 @@ mod tests {
 
     #[test]
     fn lost_messages_count_in_rate_and_mean_and_not_as_long_periods() {
-        let periods = seen(&[(0, 0), (10, 0), (40, 2), (50, 0)]);
+        let periods = periods(&[(0, 0), (10, 0), (40, 2), (50, 0)]);
         assert_eq!(periods.rate(51 * MS), 100.0);
         let statistics = periods.statistics().unwrap();
         assert_eq!((statistics.mean, statistics.max), (0.01, 0.01));
@@ -222,21 +226,24 @@ mod tests {
     }
 
     #[test]
-    fn the_rate_falls_in_silence_and_is_nothing_in_the_end() {
-        let mut periods = seen(&[(0, 0), (10, 0), (20, 0)]);
+    fn the_rate_falls_in_silence_and_reaches_zero() {
+        let mut periods = periods(&[(0, 0), (10, 0), (20, 0)]);
         assert_eq!(periods.rate(29 * MS), 100.0);
         assert_eq!(periods.rate(200 * MS), 10.0);
-        assert_eq!(periods.reading(60_000 * MS).fields["rate_hz"], 0.0);
-        assert_eq!(periods.reading(60_000 * MS).fields["mean_ms"], json!(null));
+        assert_eq!(periods.measurement(60_000 * MS).fields["rate_hz"], 0.0);
+        assert_eq!(
+            periods.measurement(60_000 * MS).fields["mean_ms"],
+            json!(null)
+        );
     }
 
     #[test]
-    fn the_time_without_a_publisher_is_no_period() {
-        let mut periods = seen(&[(0, 0), (10, 0)]);
+    fn the_time_without_a_publisher_is_not_a_period() {
+        let mut periods = periods(&[(0, 0), (10, 0)]);
         periods.interrupt();
         assert_eq!(periods.rate(500 * MS), 2.0);
         for time in [1000, 1010] {
-            periods.message(&meta(time, 0), time * MS);
+            periods.record(&meta(time, 0), time * MS);
         }
         assert_eq!(periods.statistics().unwrap().max, 0.01);
         assert_eq!(periods.rate(1011 * MS), 100.0);
@@ -244,7 +251,7 @@ mod tests {
 
     #[test]
     fn the_deviation_is_that_of_the_periods() {
-        let statistics = seen(&[(0, 0), (8, 0), (20, 0)]).statistics().unwrap();
+        let statistics = periods(&[(0, 0), (8, 0), (20, 0)]).statistics().unwrap();
         assert!((statistics.deviation - 0.002).abs() < 1e-9);
         assert_eq!((statistics.min, statistics.max), (0.008, 0.012));
     }

@@ -1,9 +1,9 @@
-//! `ganglion info`: all that is known of one topic.
+//! `ganglion info`: shows the details of a topic.
 
-use super::Verb;
 use crate::options::Options;
 use crate::output::{Output, Record, or_dash};
-use crate::{absent, content, process, state, units, world};
+use crate::verb::Verb;
+use crate::{failure, missing_topic, names, process, units};
 use conduit_ring::{Error, Info, Reader, State, clock};
 use program::{Failure, Log};
 use serde_json::{Value, json};
@@ -11,7 +11,7 @@ use std::fmt;
 
 pub const VERB: Verb = Verb {
     name: "info",
-    summary: "all that is known of one topic",
+    summary: "details of a topic",
     help: HELP,
     takes_topic: true,
     options: &["--json", "--help"],
@@ -19,23 +19,24 @@ pub const VERB: Verb = Verb {
 };
 
 const HELP: &str = "\
-ganglion info: tells all that is known of a topic
+ganglion info: shows the details of a topic
 
 Usage: ganglion info TOPIC [options]
 
-  --json   one JSON object
-  --help   this text
+  --json   print one JSON object
+  --help   print this help
 
-State is live, dead (the publisher died; the next one goes on in place), closed, retired (replaced by one of another
-geometry) or legacy (made by a publisher that does not say whether it lives). Whether publisher and readers live is told
-by their locks, which the kernel frees when they die; process numbers are as they wrote them down. A dead reader has
-leaked its slot: the next subscriber takes it back, or `ganglion doctor --fix`.
+The state is live, dead (the publisher died; the next one takes over), closed, retired (replaced
+by a topic of another geometry) or legacy (from a publisher without a lock, so that its life
+cannot be checked). Publisher and readers are alive if they hold their locks, which the kernel
+releases when they die. Process ids are those that the processes wrote. A dead reader has leaked
+its slot; the next subscriber reclaims it, and so does `ganglion doctor --fix`.
 ";
 
 fn run(options: &Options, output: &mut Output, _log: Log) -> Result<(), Failure> {
     let info = Info::read(options.topic()).map_err(|error| match error {
-        Error::NoTopic { .. } => absent::failure(options.topic()),
-        error => world(error),
+        Error::NoTopic { .. } => missing_topic::failure(options.topic()),
+        error => failure::runtime(error),
     })?;
     output.put(&Details {
         now_ns: clock::now_ns(),
@@ -56,7 +57,7 @@ impl Details {
 
     fn publisher(&self) -> String {
         match self.info.state {
-            State::Legacy => "not known".into(),
+            State::Legacy => "unknown".into(),
             State::Live => process::label(self.info.writer_pid),
             _ => format!("was pid {}", self.info.writer_pid),
         }
@@ -69,17 +70,17 @@ impl fmt::Display for Details {
         let geometry = info.geometry;
         writeln!(f, "topic       {}", info.topic.name())?;
         writeln!(f, "file        {}", info.topic.path().display())?;
-        writeln!(f, "state       {}", state::name(info.state))?;
+        writeln!(f, "state       {}", names::state(info.state))?;
         writeln!(
             f,
-            "publisher   {}, {} takeovers before it",
+            "publisher   {}, after {} takeovers",
             self.publisher(),
             info.epoch
         )?;
-        writeln!(f, "content     {}", content::name(info.content))?;
+        writeln!(f, "content     {}", names::encoding(info.content))?;
         writeln!(
             f,
-            "slots       {} of {} bytes, messages of up to {} bytes, {} in all",
+            "slots       {} of {} bytes for messages of up to {} bytes, {} in total",
             geometry.slot_count(),
             geometry.slot_size(),
             geometry.max_message_size(),
@@ -90,7 +91,7 @@ impl fmt::Display for Details {
         writeln!(f, "last        {}", or_dash(age))?;
         writeln!(
             f,
-            "dropped     {} since readers held slots, {} too large",
+            "dropped     {} because readers held slots, {} because of their size",
             info.dropped_pinned, info.rejected_oversize
         )?;
         writeln!(f, "wake-ups    {}", info.wake_count)?;
@@ -104,16 +105,12 @@ impl fmt::Display for Details {
 
 fn write_reader(f: &mut fmt::Formatter<'_>, reader: &Reader, published: u64) -> fmt::Result {
     if !reader.native {
-        return write!(
-            f,
-            "\n  #{:<2}  legacy, whether it lives is not known",
-            reader.index
-        );
+        return write!(f, "\n  #{:<2}  legacy, state unknown", reader.index);
     }
     let life = match (reader.alive, reader.waiting) {
-        (false, _) => "dead, its slot leaked",
-        (true, true) => "asleep",
-        (true, false) => "awake",
+        (false, _) => "dead, slot leaked",
+        (true, true) => "waiting",
+        (true, false) => "running",
     };
     write!(
         f,
@@ -142,11 +139,11 @@ impl Record for Details {
         json!({
             "topic": info.topic.name(),
             "file": info.topic.path().to_string_lossy(),
-            "state": state::name(info.state),
+            "state": names::state(info.state),
             "pid": native.then_some(info.writer_pid),
             "epoch": info.epoch,
             "instance_id": format!("{:016x}", info.instance_id),
-            "content": content::name(info.content),
+            "content": names::encoding(info.content),
             "content_tag": format!("{:016x}", info.content.value()),
             "slot_count": info.geometry.slot_count(),
             "slot_size": info.geometry.slot_size(),
@@ -164,7 +161,8 @@ impl Record for Details {
 
 fn reader_json(reader: &Reader) -> Value {
     if !reader.native {
-        return json!({"slot": reader.index, "native": false, "next_sequence": reader.next_sequence});
+        let next = reader.next_sequence;
+        return json!({"slot": reader.index, "native": false, "next_sequence": next});
     }
     json!({
         "slot": reader.index,

@@ -1,10 +1,10 @@
-//! `ganglion latency`: how long a message takes to a reader.
+//! `ganglion latency`: measures the time from publishing a message to reading it.
 
-use super::Verb;
-use crate::gauge::{self, Gauge, Reading};
+use crate::gauge::{self, Gauge, Measurement};
 use crate::options::Options;
 use crate::output::Output;
 use crate::units::{self, rounded};
+use crate::verb::Verb;
 use crate::window::Window;
 use conduit_ring::{Meta, ObserverOptions};
 use program::{Failure, Log};
@@ -13,7 +13,7 @@ use std::time::Duration;
 
 pub const VERB: Verb = Verb {
     name: "latency",
-    summary: "from publishing to here",
+    summary: "time from publishing to reading",
     help: HELP,
     takes_topic: true,
     options: gauge::OPTIONS,
@@ -21,35 +21,43 @@ pub const VERB: Verb = Verb {
 };
 
 const HELP: &str = "\
-ganglion latency: how long it takes from a message's publishing to its being read here
+ganglion latency: measures the time from publishing a message to reading it
 
 Usage: ganglion latency TOPIC [options]
 
-  --every SECONDS    from line to line, 0.01 to 3600; default 1
-  --window SECONDS   how far back a line looks, 0.01 to 3600; default 5
+  --every SECONDS    time between two lines, 0.01 to 3600; default 1
+  --window SECONDS   time span that a line summarises, 0.01 to 3600; default 5
   --count N          end after N lines
-  --wait             wait for a topic that is not there
-  --json             one JSON object a line
-  --help             this text
+  --wait             wait for a topic that does not exist
+  --json             print one JSON object per line
+  --help             print this help
 
-Each line has the median, the 99th percentile and the greatest. What is measured begins with the publisher's time stamp,
-taken before it copies the message into the ring, and ends when this program has a whole, validated copy: both copies and
-a wake-up, not what came before (such as a camera's exposure).
+Each line shows the median, the 99th percentile and the maximum. The measured time starts with
+the publisher's time stamp, taken before the publisher copies the message into the ring, and
+ends when ganglion has a complete, validated copy. It includes both copies and a wake-up, but
+nothing before, such as a camera's exposure.
 
-This program takes no reader slot, so a publisher does not know that it sleeps. While some subscriber sleeps on the topic,
-this program is woken with it and the figure is what such a subscriber has. Otherwise it looks every 0.1 ms by itself,
-which adds up to that and the timer's own delay.
+ganglion takes no reader slot, so a publisher does not know that it waits. While a subscriber
+waits on the topic, ganglion is woken with it, and the result is the latency of such a
+subscriber. Otherwise ganglion polls every 0.1 ms, which adds up to that time and the timer's
+own delay.
 ";
 
-/// As short as a sleep can be that leaves the processor to others.
+/// The polling period: as short as a sleep can be that leaves the processor to others.
 const NAP: Duration = Duration::from_micros(100);
 
 fn run(options: &Options, output: &mut Output, log: Log) -> Result<(), Failure> {
-    let watching = ObserverOptions {
+    let observing = ObserverOptions {
         longest_nap: NAP,
         ..ObserverOptions::default()
     };
-    gauge::run(Delays::new(options.window), options, &watching, output, log)
+    gauge::run(
+        Delays::new(options.window),
+        options,
+        &observing,
+        output,
+        log,
+    )
 }
 
 struct Delays {
@@ -68,7 +76,7 @@ impl Delays {
     }
 }
 
-/// The least value that so many hundredths of all do not exceed.
+/// Returns the smallest value that the given percentage of all values does not exceed.
 fn percentile(sorted: &[u64], hundredths: usize) -> Option<u64> {
     let rank = (sorted.len() * hundredths).div_ceil(100);
     sorted.get(rank.saturating_sub(1)).copied()
@@ -77,14 +85,14 @@ fn percentile(sorted: &[u64], hundredths: usize) -> Option<u64> {
 impl Gauge for Delays {
     const EVENT: &'static str = "latency";
 
-    fn message(&mut self, meta: &Meta, now_ns: u64) {
+    fn record(&mut self, meta: &Meta, now_ns: u64) {
         self.messages += 1;
         self.lost += meta.lost;
         self.window
             .push(now_ns, now_ns.saturating_sub(meta.timestamp_ns));
     }
 
-    fn reading(&mut self, now_ns: u64) -> Reading {
+    fn measurement(&mut self, now_ns: u64) -> Measurement {
         self.window.expire(now_ns);
         let mut sorted: Vec<u64> = self.window.values().copied().collect();
         sorted.sort_unstable();
@@ -112,7 +120,7 @@ impl Gauge for Delays {
             self.messages,
             self.lost
         );
-        Reading { text, fields }
+        Measurement { text, fields }
     }
 }
 
@@ -121,7 +129,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn percentiles_are_values_that_were_measured() {
+    fn percentiles_are_measured_values() {
         let hundred: Vec<u64> = (1..=100).collect();
         assert_eq!(
             [50, 99, 100].map(|p| percentile(&hundred, p)),
@@ -140,8 +148,8 @@ mod tests {
             len: 1,
             lost: 0,
         };
-        delays.message(&meta, 6_000);
-        let fields = delays.reading(7_000).fields;
+        delays.record(&meta, 6_000);
+        let fields = delays.measurement(7_000).fields;
         assert_eq!(
             (&fields["p50_us"], &fields["max_us"]),
             (&json!(5.0), &json!(5.0))

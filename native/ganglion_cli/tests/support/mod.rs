@@ -1,4 +1,4 @@
-//! What the tests share: topics of a name of their own, child processes that publish or subscribe, and the program itself.
+//! Topics with unique names, child processes that publish or subscribe, and the program itself.
 #![allow(dead_code)]
 
 #[path = "../../../conduit_ring/tests/support/run.rs"]
@@ -17,26 +17,26 @@ use serde_json::Value;
 const ROLE: &str = "GANGLION_TEST_ROLE";
 const TOPIC: &str = "GANGLION_TEST_TOPIC";
 
-/// Names that begin alike and that nobody else has; what is left of them is removed afterwards.
+/// Topic names with a unique prefix. Their files are removed on drop.
 pub struct Scratch {
     pub prefix: String,
-    turn: Option<MutexGuard<'static, ()>>,
+    lock: Option<MutexGuard<'static, ()>>,
 }
 
 impl Scratch {
     pub fn new() -> Scratch {
         Scratch {
             prefix: run::unique("cli."),
-            turn: None,
+            lock: None,
         }
     }
 
-    /// One test at a time: a child that another test is starting has the files of this process, those it has just closed
-    /// too, until it runs its own program, and so they are in use.
+    /// Runs one test at a time. A child that another test is starting inherits the files of this
+    /// process until it executes its program, so that they would be in use.
     pub fn alone() -> Scratch {
-        static TURN: Mutex<()> = Mutex::new(());
+        static LOCK: Mutex<()> = Mutex::new(());
         let mut scratch = Scratch::new();
-        scratch.turn = Some(TURN.lock().unwrap_or_else(PoisonError::into_inner));
+        scratch.lock = Some(LOCK.lock().unwrap_or_else(PoisonError::into_inner));
         scratch
     }
 
@@ -66,8 +66,8 @@ pub fn publisher(topic: &Topic, content: ContentTag) -> Publisher {
     Publisher::open(topic, &options).unwrap()
 }
 
-/// What a helper process does, to be called by a test named `child`: publishes 100 times a second, or holds a topic or a
-/// reader slot, until it is killed.
+/// Runs a helper process, called by a test named `child`. It publishes 100 times per second, or
+/// holds a topic or a reader slot, until it is killed.
 pub fn play_role() {
     let Ok(role) = std::env::var(ROLE) else {
         return;
@@ -83,7 +83,7 @@ pub fn play_role() {
 
 fn publish_for_ever(topic: &Topic) {
     let mut publisher = publisher(topic, ContentTag::RAW);
-    tell_ready();
+    print_ready();
     for n in 0_u64.. {
         publisher.publish(&n.to_le_bytes()).unwrap();
         std::thread::sleep(Duration::from_millis(10));
@@ -91,24 +91,24 @@ fn publish_for_ever(topic: &Topic) {
 }
 
 fn hold<T>(_held: T) {
-    tell_ready();
+    print_ready();
     loop {
         std::thread::park();
     }
 }
 
-fn tell_ready() {
+fn print_ready() {
     println!("\nready");
 }
 
-/// This test binary again, as another process that plays a role.
+/// This test binary as another process with a role.
 pub struct Helper {
     child: Child,
     _lines: BufReader<ChildStdout>,
 }
 
 impl Helper {
-    /// Starts it and waits until it is ready.
+    /// Starts the process and waits until it is ready.
     pub fn start(role: &str, topic: &Topic) -> Helper {
         let mut child = Command::new(std::env::current_exe().unwrap())
             .args(["--exact", "child", "--nocapture", "--test-threads=1"])
@@ -134,7 +134,7 @@ impl Helper {
         self.child.id()
     }
 
-    /// SIGKILL. It must have been running.
+    /// Kills the process, which must be running.
     pub fn kill(mut self) {
         assert_eq!(
             self.child.try_wait().unwrap(),
@@ -153,7 +153,7 @@ impl Drop for Helper {
     }
 }
 
-/// What `ganglion` said and how it ended.
+/// Output and exit status of `ganglion`.
 #[derive(Debug)]
 pub struct Answer {
     pub status: Option<i32>,
@@ -162,7 +162,7 @@ pub struct Answer {
 }
 
 impl Answer {
-    /// The lines of stdout, each a JSON object.
+    /// Returns the lines of stdout, each a JSON object.
     pub fn json(&self) -> Vec<Value> {
         self.stdout.lines().map(object).collect()
     }
@@ -190,7 +190,7 @@ pub fn run(arguments: &[&str]) -> Answer {
     }
 }
 
-/// A `ganglion` that watches.
+/// A running `ganglion` that watches a topic.
 pub struct Watcher {
     child: Child,
     lines: BufReader<ChildStdout>,
@@ -207,7 +207,7 @@ impl Watcher {
         Watcher { child, lines }
     }
 
-    /// The next line of stdout that is as wished.
+    /// Returns the next line of stdout that `wished` accepts.
     pub fn line_with(&mut self, wished: impl Fn(&str) -> bool) -> String {
         loop {
             let mut line = String::new();
@@ -222,12 +222,12 @@ impl Watcher {
         }
     }
 
-    /// The next JSON line that is as wished.
+    /// Returns the next JSON line that `wished` accepts.
     pub fn json_with(&mut self, wished: impl Fn(&Value) -> bool) -> Value {
         object(&self.line_with(|line| wished(&object(line))))
     }
 
-    /// Asks it to end, as Ctrl-C does.
+    /// Sends SIGINT, as Ctrl-C does, and waits for the end.
     pub fn interrupt(mut self) -> ExitStatus {
         let pid = self.child.id().to_string();
         assert!(
@@ -240,7 +240,7 @@ impl Watcher {
         self.child.wait().unwrap()
     }
 
-    /// Stops listening to it, and waits for its end.
+    /// Closes its output and waits for its end.
     pub fn hang_up(mut self) -> (ExitStatus, String) {
         drop(self.lines);
         let status = self.child.wait().unwrap();
@@ -255,7 +255,7 @@ impl Watcher {
     }
 }
 
-/// A file in a topic's place.
+/// Writes a file in a topic's place.
 pub fn write(topic: &Topic, bytes: &[u8]) {
     std::fs::File::create(topic.path())
         .unwrap()
