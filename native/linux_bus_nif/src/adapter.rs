@@ -1,4 +1,4 @@
-//! An I2C adapter, by the ioctls of the kernel's i2c-dev.
+//! An I2C adapter, through the ioctls of the kernel's i2c-dev.
 
 use std::fs::File;
 use std::os::fd::AsRawFd;
@@ -9,9 +9,9 @@ use nix::libc::{c_int, c_ulong};
 use crate::device;
 use crate::errno::{Errno, Result};
 
-/// The kernel refuses longer messages.
+/// The longest message that the kernel accepts.
 const LONGEST: usize = 8192;
-/// The message is read from the device (I2C_M_RD).
+/// The flag of a message that reads from the device (I2C_M_RD).
 const READ: u16 = 1;
 
 /// The bits `I2C_FUNC_…` of linux/i2c.h.
@@ -48,7 +48,7 @@ impl Adapter {
         Ok(Self(file))
     }
 
-    /// What it can do.
+    /// Returns the functions that the adapter supports.
     pub fn functions(&self) -> Result<Functions> {
         let mut functions: Functions = 0;
         // SAFETY: the kernel writes one unsigned long, and there is room for it.
@@ -56,21 +56,21 @@ impl Adapter {
         Ok(functions)
     }
 
-    /// How long a transfer may take, in steps of 10 ms. It holds for all who use the adapter.
+    /// Sets the timeout of a transfer, in steps of 10 ms. It applies to all users of the adapter.
     pub fn set_timeout(&self, steps: i32) -> Result<()> {
         // SAFETY: the argument is a number.
         unsafe { i2c_timeout(self.0.as_raw_fd(), steps as c_int) }?;
         Ok(())
     }
 
-    /// Writes, then reads, what of the two there is, as one transfer.
+    /// Writes, then reads, as one transfer. Either part may be absent.
     pub fn transfer(
         &self,
         address: u16,
         write: Option<&[u8]>,
         read: Option<&mut [u8]>,
     ) -> Result<()> {
-        // The kernel does not write to what it writes out.
+        // The kernel only reads the bytes of a message that writes to the device.
         let write = write.map(|bytes| (0, bytes.as_ptr().cast_mut(), bytes.len()));
         let read = read.map(|bytes| (READ, bytes.as_mut_ptr(), bytes.len()));
         let mut messages = Vec::with_capacity(2);
@@ -86,8 +86,8 @@ impl Adapter {
             messages: messages.as_mut_ptr(),
             count: messages.len() as u32,
         };
-        // SAFETY: the messages and their bytes are borrowed for longer than this call, each as long
-        // as its message says, and the one that is read into is borrowed for writing.
+        // SAFETY: the messages and their bytes are borrowed for longer than this call, each has
+        // the length that its message states, and the buffer to read into is borrowed mutably.
         unsafe { i2c_rdwr(self.0.as_raw_fd(), &raw mut transfer) }?;
         Ok(())
     }

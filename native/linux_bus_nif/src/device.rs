@@ -1,4 +1,4 @@
-//! Opening device files, and saying what they are not.
+//! Opening of device files and checking of their kind.
 
 use std::fs::{File, OpenOptions};
 use std::os::unix::fs::{FileTypeExt, MetadataExt, OpenOptionsExt};
@@ -9,11 +9,10 @@ use nix::sys::stat::major;
 
 use crate::errno::{Errno, Result};
 
-/// The kernel's number for all adapters of i2c-dev.
+/// The kernel's major number of i2c-dev adapters.
 const I2C_MAJOR: u64 = 89;
 
-/// Opens a device file for reading and writing. A file that is no device, whatever it is, is not
-/// waited for.
+/// Opens a device file for reading and writing. Never waits, even if the file is not a device.
 pub fn open(path: &Path) -> Result<File> {
     let flags = OFlag::O_NONBLOCK | OFlag::O_NOCTTY;
     Ok(OpenOptions::new()
@@ -23,8 +22,8 @@ pub fn open(path: &Path) -> Result<File> {
         .open(path)?)
 }
 
-/// Refuses what is no I2C adapter before it is asked anything: another device may understand the
-/// question as an order.
+/// Checks that a file is an I2C adapter before any ioctl: another device may understand the same
+/// number as a command.
 pub fn check_i2c(file: &File) -> Result<()> {
     let found = file.metadata()?;
     if found.file_type().is_char_device() && major(found.rdev()) == I2C_MAJOR {

@@ -1,4 +1,4 @@
-//! Who is told of edges, and in which words.
+//! The listener for edges and the messages that it receives.
 
 use gpiocdev_uapi::v2::{LineEdgeEvent, LineEdgeEventKind};
 use rustler::{Encoder, Env, LocalPid, NifMap, NifUnitEnum, OwnedEnv, Term, env::SavedTerm};
@@ -9,7 +9,7 @@ mod atoms {
     rustler::atoms! { circuits_gpio }
 }
 
-/// How an edge is told.
+/// The form of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, NifUnitEnum)]
 pub enum Form {
     /// `{:circuits_gpio, label, timestamp_ns, level}`.
@@ -18,14 +18,14 @@ pub enum Form {
     Change,
 }
 
-/// A term that outlives the call which brought it.
+/// A term that outlives the NIF call which passed it.
 pub struct Label {
     env: OwnedEnv,
     term: SavedTerm,
 }
 
 impl Label {
-    /// A copy of the term.
+    /// Copies a term.
     pub fn new(term: Term) -> Self {
         let env = OwnedEnv::new();
         let term = env.save(term);
@@ -37,12 +37,12 @@ impl Label {
     }
 }
 
-/// The levels of lines, a bit each, as the edges make them.
+/// The levels of lines, one bit each, as they follow from the edges.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Levels(pub u64);
 
 impl Levels {
-    /// Takes an edge in: the levels before it. Nothing when its kind is none that we know.
+    /// Applies an edge and returns the change, or `None` for an unknown kind of edge.
     fn follow(&mut self, bit: usize, kind: u32) -> Option<Change> {
         let before = self.0;
         let level = match LineEdgeEventKind::try_from(kind).ok()? {
@@ -58,7 +58,7 @@ impl Levels {
     }
 }
 
-/// What an edge changes.
+/// The change of the levels by one edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Change {
     level: u64,
@@ -67,7 +67,7 @@ struct Change {
 }
 
 impl Change {
-    fn fits(&self, trigger: Trigger) -> bool {
+    fn matches(&self, trigger: Trigger) -> bool {
         match trigger {
             Trigger::None => false,
             Trigger::Rising => self.level == 1,
@@ -86,11 +86,11 @@ struct ChangeTerm<'a> {
     previous_value: u64,
 }
 
-/// The receiver is gone.
+/// The receiver process is dead.
 #[derive(Debug)]
 pub struct Gone;
 
-/// A process that is told of edges.
+/// A process that receives edges.
 pub struct Listener {
     pub receiver: LocalPid,
     pub trigger: Trigger,
@@ -100,7 +100,7 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Which edges the kernel has to report. All of them, where levels are followed.
+    /// Returns the edges that the kernel must report: all of them if levels are tracked.
     pub fn edges(&self) -> Trigger {
         match (self.form, self.trigger) {
             (_, Trigger::None) => Trigger::None,
@@ -109,35 +109,35 @@ impl Listener {
         }
     }
 
-    /// Tells of an edge of the line that has this bit, if it is one that is to be told.
-    pub fn tell(
+    /// Sends an edge of the line with this bit if it matches the trigger.
+    pub fn send(
         &mut self,
         message: &mut OwnedEnv,
         bit: usize,
         event: &LineEdgeEvent,
     ) -> Result<(), Gone> {
         let change = self.levels.follow(bit, event.kind);
-        let Some(change) = change.filter(|change| change.fits(self.trigger)) else {
+        let Some(change) = change.filter(|change| change.matches(self.trigger)) else {
             return Ok(());
         };
-        let words = |env| self.words(env, change, event.timestamp_ns);
+        let term = |env| self.encode(env, change, event.timestamp_ns);
         message
-            .send_and_clear(&self.receiver, words)
+            .send_and_clear(&self.receiver, term)
             .map_err(|_| Gone)
     }
 
-    fn words<'a>(&self, env: Env<'a>, change: Change, timestamp: u64) -> Term<'a> {
+    fn encode<'a>(&self, env: Env<'a>, change: Change, timestamp: u64) -> Term<'a> {
         let label = self.label.copy(env);
         match self.form {
             Form::Edge => (atoms::circuits_gpio(), label, timestamp, change.level).encode(env),
             Form::Change => {
-                let words = ChangeTerm {
+                let change = ChangeTerm {
                     r#ref: label,
                     timestamp,
                     value: change.after,
                     previous_value: change.before,
                 };
-                (atoms::circuits_gpio(), words).encode(env)
+                (atoms::circuits_gpio(), change).encode(env)
             }
         }
     }
@@ -161,26 +161,26 @@ mod tests {
     }
 
     #[test]
-    fn the_highest_of_64_lines_has_a_bit() {
+    fn the_last_of_64_lines_has_a_bit() {
         let mut levels = Levels(0);
         assert_eq!(levels.follow(63, RISING).unwrap().after, 1 << 63);
     }
 
     #[test]
-    fn an_edge_of_no_known_kind_changes_nothing() {
+    fn an_edge_of_an_unknown_kind_changes_nothing() {
         let mut levels = Levels(1);
         assert_eq!(levels.follow(0, 3), None);
         assert_eq!(levels, Levels(1));
     }
 
     #[test]
-    fn a_trigger_chooses_by_the_new_level() {
+    fn a_trigger_matches_by_the_new_level() {
         let rise = Levels(0).follow(0, RISING).unwrap();
         let fall = Levels(1).follow(0, FALLING).unwrap();
-        let told = |trigger| [rise.fits(trigger), fall.fits(trigger)];
-        assert_eq!(told(Trigger::Both), [true, true]);
-        assert_eq!(told(Trigger::Rising), [true, false]);
-        assert_eq!(told(Trigger::Falling), [false, true]);
-        assert_eq!(told(Trigger::None), [false, false]);
+        let matches = |trigger| [rise.matches(trigger), fall.matches(trigger)];
+        assert_eq!(matches(Trigger::Both), [true, true]);
+        assert_eq!(matches(Trigger::Rising), [true, false]);
+        assert_eq!(matches(Trigger::Falling), [false, true]);
+        assert_eq!(matches(Trigger::None), [false, false]);
     }
 }

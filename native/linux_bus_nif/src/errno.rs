@@ -7,9 +7,9 @@ use rustler::{Encoder, Env, Term};
 pub struct Errno(pub i32);
 
 impl Errno {
-    /// A handle that is closed.
+    /// A handle that was closed.
     pub const BADF: Self = Self(9);
-    /// The input/output error that has no number of its own.
+    /// An input/output error without a number of its own.
     pub const IO: Self = Self(5);
     /// No such device.
     pub const NODEV: Self = Self(19);
@@ -19,7 +19,7 @@ impl Errno {
     pub const NOTTY: Self = Self(25);
 }
 
-/// What a system call gave.
+/// The result of a system call.
 pub type Result<T> = std::result::Result<T, Errno>;
 
 impl From<std::io::Error> for Errno {
@@ -43,7 +43,7 @@ impl From<gpiocdev_uapi::Error> for Errno {
     }
 }
 
-/// `{:ok, value}` or `{:error, errno}`.
+/// Encodes `{:ok, value}` or `{:error, errno}`.
 pub fn result<T: Encoder>(env: Env<'_>, result: Result<T>) -> Term<'_> {
     match result {
         Ok(value) => (rustler::types::atom::ok(), value).encode(env),
@@ -51,7 +51,7 @@ pub fn result<T: Encoder>(env: Env<'_>, result: Result<T>) -> Term<'_> {
     }
 }
 
-/// `:ok` or `{:error, errno}`.
+/// Encodes `:ok` or `{:error, errno}`.
 pub fn done(env: Env<'_>, result: Result<()>) -> Term<'_> {
     match result {
         Ok(()) => rustler::types::atom::ok().to_term(env),

@@ -1,4 +1,4 @@
-//! Lines as a resource, and what there is of chips.
+//! GPIO lines as a resource, and information about chips.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,15 +11,15 @@ use rustler::{
 use crate::device;
 use crate::edges::{Form, Label, Levels, Listener};
 use crate::errno::{self, Errno, Result};
-use crate::lines::{Lines, Unwritten};
+use crate::lines::{Lines, WriteError};
 use crate::settings::{Direction, Drive, Pull, Settings, Trigger};
-use crate::watcher::Watcher;
+use crate::watcher::{Watched, Watcher};
 
 mod atoms {
     rustler::atoms! { pin_not_output }
 }
 
-/// Lines, which are given back when the process that opened them dies, or when the last handle is
+/// Lines that close when the process that opened them dies, or when the last handle is garbage
 /// collected.
 pub struct Handle(Arc<Lines>);
 
@@ -49,7 +49,7 @@ impl Handle {
     }
 }
 
-/// A chip: `{name, label, names of its lines}`.
+/// Returns a chip as `{name, label, names of its lines}`.
 #[rustler::nif(schedule = "DirtyIo")]
 fn gpio_chip<'a>(env: Env<'a>, path: &str) -> Term<'a> {
     errno::result(env, chip(Path::new(path)))
@@ -64,7 +64,7 @@ fn chip(path: &Path) -> Result<(String, String, Vec<String>)> {
     Ok((text(&info.name), text(&info.label), lines))
 }
 
-/// How a line is set, and who has it.
+/// The settings and the consumer of a line.
 #[derive(NifMap)]
 struct Status {
     consumer: String,
@@ -90,7 +90,7 @@ fn status(path: &Path, offset: i64) -> Result<Status> {
     })
 }
 
-/// `{:ok, {lines, chip}}`, with the name by which the kernel knows the chip.
+/// Returns `{:ok, {lines, chip}}` with the kernel's name of the chip.
 #[rustler::nif(schedule = "DirtyIo")]
 fn gpio_open<'a>(
     env: Env<'a>,
@@ -132,7 +132,7 @@ fn gpio_close(handle: ResourceArc<Handle>) -> Atom {
     rustler::types::atom::ok()
 }
 
-/// Closes all lines here that have this one among them.
+/// Closes all lines of this VM that include the given one.
 #[rustler::nif(schedule = "DirtyIo")]
 fn gpio_force_close<'a>(env: Env<'a>, path: &str, offset: i64) -> Term<'a> {
     errno::done(env, force_close(Path::new(path), offset))
@@ -141,7 +141,7 @@ fn gpio_force_close<'a>(env: Env<'a>, path: &str, offset: i64) -> Term<'a> {
 fn force_close(path: &Path, offset: i64) -> Result<()> {
     let info = v2::get_chip_info(&device::open(path)?)?;
     let offset = number(offset)?;
-    for lines in Watcher::started()?.holders(&text(&info.name), offset) {
+    for lines in Watcher::started()?.including(&text(&info.name), offset) {
         lines.close();
     }
     Ok(())
@@ -156,8 +156,8 @@ fn gpio_read(env: Env, handle: ResourceArc<Handle>) -> Term {
 fn gpio_write(env: Env, handle: ResourceArc<Handle>, levels: u64) -> Term {
     match handle.0.write(levels) {
         Ok(()) => errno::done(env, Ok(())),
-        Err(Unwritten::Errno(error)) => errno::done(env, Err(error)),
-        Err(Unwritten::Input) => {
+        Err(WriteError::Errno(error)) => errno::done(env, Err(error)),
+        Err(WriteError::Input) => {
             (rustler::types::atom::error(), atoms::pin_not_output()).encode(env)
         }
     }
@@ -178,7 +178,7 @@ fn gpio_set_drive(env: Env, handle: ResourceArc<Handle>, drive: Drive) -> Term {
     errno::done(env, handle.0.set(|settings| settings.drive = drive))
 }
 
-/// Tells the receiver of edges from now on, with the label in the message.
+/// Sends edges to the receiver from now on, with the label in each message.
 #[rustler::nif(schedule = "DirtyIo")]
 fn gpio_listen<'a>(
     env: Env<'a>,

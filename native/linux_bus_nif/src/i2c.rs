@@ -8,8 +8,8 @@ use rustler::{Atom, Binary, Env, NewBinary, NifResult, Resource, ResourceArc, Te
 use crate::adapter::{Adapter, Functions};
 use crate::errno::{self, Errno, Result};
 
-/// Closed by `i2c_close`, or when the last handle is collected. A transfer that is being made then
-/// ends first, and nobody waits for it.
+/// An adapter that closes by `i2c_close` or when the last handle is garbage collected. A transfer
+/// in progress completes first, without delaying the caller.
 pub struct Bus(Mutex<Option<Arc<Adapter>>>);
 
 #[rustler::resource_impl]
@@ -22,7 +22,8 @@ impl Bus {
     }
 }
 
-/// `{:ok, {bus, functions}}`. The steps are of 10 ms; none leaves the timeout as it is.
+/// Returns `{:ok, {bus, functions}}`. Steps are of 10 ms; without them the timeout stays as it
+/// is.
 #[rustler::nif(schedule = "DirtyIo")]
 fn i2c_open<'a>(env: Env<'a>, path: &str, timeout_steps: Option<i32>) -> Term<'a> {
     errno::result(env, open(Path::new(path), timeout_steps))
@@ -52,7 +53,7 @@ fn i2c_write<'a>(
     Ok(errno::done(env, written))
 }
 
-/// Reads, after it has written what there is to write.
+/// Writes `data`, if any, then reads.
 #[rustler::nif(schedule = "DirtyIo")]
 fn i2c_read<'a>(
     env: Env<'a>,
@@ -76,7 +77,7 @@ fn read<'a>(
     count: usize,
 ) -> Result<Binary<'a>> {
     let adapter = bus.adapter()?;
-    // Longer ones are refused, and need no memory for that.
+    // A longer read is refused, so it needs no memory.
     let mut answer = NewBinary::new(env, count.min(usize::from(u16::MAX)));
     adapter.transfer(address, data, Some(answer.as_mut_slice()))?;
     Ok(answer.into())

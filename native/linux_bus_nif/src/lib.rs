@@ -1,8 +1,8 @@
-//! I2C and GPIO of a Linux machine as the BEAM sees them: terms in, system calls, terms out.
+//! I2C and GPIO of a Linux machine for the BEAM: terms in, system calls, terms out.
 //!
-//! Errors are the kernel's numbers; `BB.Bus.Linux.Error` gives them their names. Whatever may take
-//! long runs on the schedulers for I/O. An open bus lives as long as its handle, open lines at most
-//! as long as the process that opened them.
+//! Errors are the kernel's numbers, which `BB.Bus.Linux.Error` names. Calls that may block run on
+//! the dirty I/O schedulers. An open bus lives as long as its handle, open lines at most as long
+//! as the process that opened them.
 
 mod adapter;
 mod device;

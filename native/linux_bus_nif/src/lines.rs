@@ -1,4 +1,4 @@
-//! Open lines of a chip. Only one thread at a time has to do with them.
+//! Open lines of a chip. A lock admits one thread at a time.
 
 use std::fs::File;
 use std::path::Path;
@@ -11,44 +11,45 @@ use crate::device;
 use crate::edges::{Levels, Listener};
 use crate::errno::{Errno, Result};
 use crate::settings::{Direction, Settings, Trigger, mask};
-use crate::watcher::Watcher;
+use crate::watcher::{Watched, Watcher};
 
-/// What the kernel calls whoever has the lines.
+/// The consumer's name that the kernel shows.
 const CONSUMER: &[u8] = b"ganglion";
-/// So many edges the kernel keeps for us, before it drops what comes.
-const EDGES_KEPT: u32 = 256;
-/// More the kernel never keeps: 16 a line, of 64 lines.
-const MOST_EDGES_KEPT: usize = 1024;
-/// So many edges are taken at once.
-const EDGES_READ: usize = 16;
+/// The number of edges that the kernel buffers before it drops new ones.
+const BUFFERED_EDGES: u32 = 256;
+/// The kernel's maximum: 16 edges for each of 64 lines.
+const MOST_BUFFERED_EDGES: usize = 1024;
+/// The number of edges read at once.
+const EDGES_PER_READ: usize = 16;
 
 /// Lines that were opened together.
 pub struct Lines {
-    /// By which the watcher knows them.
-    pub id: u64,
-    /// The chip's name, by which the kernel knows it, and its lines.
+    /// The watcher's number for these lines.
+    id: u64,
+    /// The kernel's name of the chip.
     pub chip: String,
-    pub offsets: Vec<u32>,
-    held: Mutex<Option<Held>>,
+    offsets: Vec<u32>,
+    request: Mutex<Option<Request>>,
     watcher: Arc<Watcher>,
 }
 
-struct Held {
+/// The kernel's request for the lines while they are open.
+struct Request {
     file: File,
     settings: Settings,
-    /// What outputs were set to.
+    /// The last levels written to outputs.
     levels: u64,
     listener: Option<Listener>,
 }
 
-/// Why lines were not written.
-pub enum Unwritten {
+/// The reason why levels were not written.
+pub enum WriteError {
     Input,
     Errno(Errno),
 }
 
 impl Lines {
-    /// Asks the chip for lines.
+    /// Requests lines from the chip.
     pub fn open(
         path: &Path,
         offsets: Vec<u32>,
@@ -63,10 +64,10 @@ impl Lines {
             num_lines: offsets.len() as u32,
             consumer: Name::from_bytes(CONSUMER),
             config: settings.config(levels, offsets.len()),
-            event_buffer_size: EDGES_KEPT,
+            event_buffer_size: BUFFERED_EDGES,
             ..LineRequest::default()
         };
-        let held = Held {
+        let request = Request {
             file: v2::get_line(&chip, request)?,
             settings,
             levels,
@@ -76,103 +77,107 @@ impl Lines {
             id,
             chip: info.name.as_os_str().to_string_lossy().into_owned(),
             offsets,
-            held: Mutex::new(Some(held)),
+            request: Mutex::new(Some(request)),
             watcher: watcher.clone(),
         }))
     }
 
-    /// The levels, a bit each.
+    /// Returns the levels, one bit each.
     pub fn read(&self) -> Result<u64> {
-        self.with(|held, lines| held.read(lines))
+        self.with_request(|request, lines| request.read(lines))
     }
 
     /// Sets the levels of outputs.
-    pub fn write(&self, levels: u64) -> std::result::Result<(), Unwritten> {
-        let written = self.with(|held, lines| {
-            if held.settings.direction == Direction::Input {
+    pub fn write(&self, levels: u64) -> std::result::Result<(), WriteError> {
+        let written = self.with_request(|request, lines| {
+            if request.settings.direction == Direction::Input {
                 return Ok(false);
             }
-            held.write(levels, lines).map(|()| true)
+            request.write(levels, lines).map(|()| true)
         });
         match written {
             Ok(true) => Ok(()),
-            Ok(false) => Err(Unwritten::Input),
-            Err(error) => Err(Unwritten::Errno(error)),
+            Ok(false) => Err(WriteError::Input),
+            Err(error) => Err(WriteError::Errno(error)),
         }
     }
 
-    /// Changes how the lines are set.
+    /// Changes the settings of the lines.
     pub fn set(&self, change: impl FnOnce(&mut Settings)) -> Result<()> {
-        self.with(|held, lines| held.set(change, lines))
+        self.with_request(|request, lines| request.set(change, lines))
     }
 
-    /// Tells somebody of edges, and nobody else any more.
+    /// Sends edges to a listener, in place of the previous one.
     pub fn listen(&self, mut listener: Listener) -> Result<()> {
-        self.with(|held, lines| {
-            // As the kernel's, which cannot be asked when there are no more descriptors.
-            if let Ok(levels) = held.read(lines) {
+        self.with_request(|request, lines| {
+            // Starts from the kernel's levels, or from 0 if they cannot be read.
+            if let Ok(levels) = request.read(lines) {
                 listener.levels = Levels(levels);
             }
             let edges = listener.edges();
-            held.set(|settings| settings.edges = edges, lines)?;
-            held.forget_edges();
+            request.set(|settings| settings.edges = edges, lines)?;
+            request.discard_edges();
             if edges == Trigger::None {
-                held.ignore(&self.watcher);
+                request.stop_listening(&self.watcher);
                 return Ok(());
             }
-            if held.listener.is_none() {
-                self.watcher.watch(&held.file, self.id)?;
+            if request.listener.is_none() {
+                self.watcher.watch(&request.file, self.id)?;
             }
-            held.listener = Some(listener);
+            request.listener = Some(listener);
             Ok(())
         })
     }
 
-    /// Tells of the edges that there are; called by the watcher alone. Who is gone, and a chip that
-    /// is gone, is not listened to any more.
-    pub fn pass_on(&self, message: &mut OwnedEnv) {
-        let passed = self.with(|held, _lines| {
-            let told = held.tell(&self.offsets, message);
-            if told.is_err() {
-                held.ignore(&self.watcher);
+    /// Returns whether the lines are closed, as far as that is known without waiting.
+    pub fn is_closed(&self) -> bool {
+        self.request
+            .try_lock()
+            .is_ok_and(|request| request.is_none())
+    }
+
+    fn with_request<T>(&self, action: impl FnOnce(&mut Request, usize) -> Result<T>) -> Result<T> {
+        let mut request = self.lock();
+        let request = request.as_mut().ok_or(Errno::BADF)?;
+        action(request, self.offsets.len())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Option<Request>> {
+        self.request.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Watched for Lines {
+    fn includes(&self, chip: &str, offset: u32) -> bool {
+        self.chip == chip && self.offsets.contains(&offset)
+    }
+
+    fn deliver_edges(&self, message: &mut OwnedEnv) {
+        let delivered = self.with_request(|request, _lines| {
+            if request.send_edges(&self.offsets, message).is_err() {
+                request.stop_listening(&self.watcher);
             }
             Ok(())
         });
         // Lines that were closed meanwhile have no edges.
-        let _ = passed;
+        let _ = delivered;
     }
 
-    /// Gives the lines back; once more changes nothing.
-    pub fn close(&self) {
-        let mut held = self.lock();
-        if let Some(mut held) = held.take() {
-            held.ignore(&self.watcher);
+    fn close(&self) {
+        let mut request = self.lock();
+        if let Some(mut request) = request.take() {
+            request.stop_listening(&self.watcher);
         }
-    }
-
-    /// Whether they were given back, as far as that can be said without waiting.
-    pub fn is_closed(&self) -> bool {
-        self.held.try_lock().is_ok_and(|held| held.is_none())
-    }
-
-    fn with<T>(&self, action: impl FnOnce(&mut Held, usize) -> Result<T>) -> Result<T> {
-        let mut held = self.lock();
-        let held = held.as_mut().ok_or(Errno::BADF)?;
-        action(held, self.offsets.len())
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Option<Held>> {
-        self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Drop for Lines {
     fn drop(&mut self) {
-        self.watcher.forget(self.id);
+        self.watcher.unregister(self.id);
     }
 }
 
-impl Held {
+impl Request {
     fn read(&self, lines: usize) -> Result<u64> {
         let mut values = LineValues {
             bits: 0,
@@ -198,39 +203,46 @@ impl Held {
         Ok(())
     }
 
-    fn ignore(&mut self, watcher: &Watcher) {
+    fn stop_listening(&mut self, watcher: &Watcher) {
         if self.listener.take().is_some() {
-            watcher.ignore(&self.file);
+            watcher.unwatch(&self.file);
         }
     }
 
-    fn tell(&mut self, offsets: &[u32], message: &mut OwnedEnv) -> std::result::Result<(), ()> {
+    fn send_edges(
+        &mut self,
+        offsets: &[u32],
+        message: &mut OwnedEnv,
+    ) -> std::result::Result<(), ()> {
         let Some(listener) = &mut self.listener else {
             return Ok(());
         };
-        for event in edges(&self.file).map_err(|_| ())? {
+        for event in read_edges(&self.file).map_err(|_| ())? {
             let bit = offsets.iter().position(|offset| *offset == event.offset);
             if let Some(bit) = bit {
-                listener.tell(message, bit, &event).map_err(|_| ())?;
+                listener.send(message, bit, &event).map_err(|_| ())?;
             }
         }
         Ok(())
     }
 
-    /// Edges from before somebody listened.
-    fn forget_edges(&self) {
-        let any = |_: &usize| edges(&self.file).is_ok_and(|edges| !edges.is_empty());
-        let _ = (0..MOST_EDGES_KEPT / EDGES_READ).take_while(any).count();
+    /// Discards the edges from before the listener started.
+    fn discard_edges(&self) {
+        let any = |_: &usize| read_edges(&self.file).is_ok_and(|edges| !edges.is_empty());
+        let _ = (0..MOST_BUFFERED_EDGES / EDGES_PER_READ)
+            .take_while(any)
+            .count();
     }
 }
 
-/// The edges that there are, at most [`EDGES_READ`] of them. Reading would wait where there is none.
-fn edges(file: &File) -> Result<Vec<LineEdgeEvent>> {
+/// Returns the buffered edges, at most [`EDGES_PER_READ`]. Returns none at once if there are
+/// none, because reading would block.
+fn read_edges(file: &File) -> Result<Vec<LineEdgeEvent>> {
     if !v2::has_event(file)? {
         return Ok(Vec::new());
     }
     let size = LineEdgeEvent::u64_size();
-    let mut words = [0; EDGES_READ * size_of::<LineEdgeEvent>() / 8];
+    let mut words = [0; EDGES_PER_READ * size_of::<LineEdgeEvent>() / 8];
     let read = v2::read_event(file, &mut words)?;
     if read < size {
         return Err(Errno::NODEV);

@@ -1,16 +1,16 @@
-//! How lines are set: the atoms of `BB.Bus.Linux.GPIO`, and the kernel's flags for them.
+//! The settings of lines: the atoms of `BB.Bus.Linux.GPIO` and the kernel's flags for them.
 
 use gpiocdev_uapi::v2::{LineConfig, LineFlags, LineValues};
 use rustler::NifUnitEnum;
 
-/// Whether lines are read or driven.
+/// The direction of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, NifUnitEnum)]
 pub enum Direction {
     Input,
     Output,
 }
 
-/// The resistor at a line.
+/// The bias resistor of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, NifUnitEnum)]
 pub enum Pull {
     NotSet,
@@ -19,7 +19,7 @@ pub enum Pull {
     Pulldown,
 }
 
-/// How an output is driven.
+/// The drive mode of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, NifUnitEnum)]
 pub enum Drive {
     PushPull,
@@ -27,7 +27,7 @@ pub enum Drive {
     OpenSource,
 }
 
-/// Which edges are told.
+/// The edges that are reported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, NifUnitEnum)]
 pub enum Trigger {
     None,
@@ -36,7 +36,7 @@ pub enum Trigger {
     Both,
 }
 
-/// All of it.
+/// All settings of a line.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     pub direction: Direction,
@@ -46,7 +46,7 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// The kernel's flags.
+    /// Returns the kernel's flags.
     pub fn flags(&self) -> LineFlags {
         let direction = match self.direction {
             Direction::Input => LineFlags::INPUT,
@@ -72,8 +72,8 @@ impl Settings {
         direction | pull | drive | edges
     }
 
-    /// The configuration of so many lines. The kernel sets outputs to 0 that it is given no levels
-    /// for, also those that have been open.
+    /// Returns the kernel's configuration. It includes the levels of outputs, because the kernel
+    /// sets outputs without given levels to 0, even those that are already open.
     pub fn config(&self, levels: u64, lines: usize) -> LineConfig {
         let mut config = LineConfig {
             flags: self.flags(),
@@ -110,7 +110,7 @@ impl From<LineFlags> for Settings {
     }
 }
 
-/// A bit for each of so many lines.
+/// Returns a mask with one bit for each line.
 pub fn mask(lines: usize) -> u64 {
     u64::MAX >> (64 - lines.clamp(1, 64))
 }
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn flags_say_what_is_set_and_are_read_back() {
+    fn settings_survive_a_conversion_to_flags_and_back() {
         for pull in [Pull::None, Pull::Pullup, Pull::Pulldown] {
             for drive in [Drive::PushPull, Drive::OpenDrain, Drive::OpenSource] {
                 for direction in [Direction::Input, Direction::Output] {
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn only_outputs_are_given_levels() {
+    fn only_a_configuration_of_outputs_includes_levels() {
         let mut settings = Settings {
             direction: Direction::Output,
             pull: Pull::NotSet,

@@ -1,8 +1,8 @@
-//! The one thread behind all lines: it passes edges on, and closes what nobody has any more. It
-//! starts with the first lines that are opened, and stays.
+//! The thread that serves all open lines: it delivers edges and closes abandoned lines. It starts
+//! when the first lines are opened and never stops.
 //!
-//! Closing a line may take as long as a transfer on the bus of its chip, so no scheduler does it for
-//! a process that died or for a handle that was collected.
+//! Closing a line may take as long as a transfer on its chip's bus. So this thread does it for a
+//! dead process or a collected handle, instead of a scheduler.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -15,27 +15,36 @@ use nix::sys::eventfd::{EfdFlags, EventFd};
 use rustler::OwnedEnv;
 
 use crate::errno::Result;
-use crate::lines::Lines;
 
 static WATCHER: OnceLock<Arc<Watcher>> = OnceLock::new();
 static STARTING: Mutex<()> = Mutex::new(());
 
-/// No lines have this number.
+/// The number of the wake-up event, which no lines have.
 const WAKE: u64 = 0;
 const EVENTS: usize = 16;
 
-/// See the module.
+/// Lines that the watcher serves.
+pub trait Watched: Send + Sync {
+    /// Returns whether the lines include the line `offset` of a chip.
+    fn includes(&self, chip: &str, offset: u32) -> bool;
+    /// Delivers the buffered edges. Stops listening when the receiver or the chip is gone.
+    fn deliver_edges(&self, message: &mut OwnedEnv);
+    /// Closes the lines. Has no effect on closed lines.
+    fn close(&self);
+}
+
+/// The thread's state, shared with its callers.
 pub struct Watcher {
     epoll: Epoll,
     wake: EventFd,
     next: AtomicU64,
-    /// All lines that are open here, by their number.
-    open: Mutex<HashMap<u64, Weak<Lines>>>,
-    abandoned: Mutex<Vec<Arc<Lines>>>,
+    /// All open lines by their number.
+    open: Mutex<HashMap<u64, Weak<dyn Watched>>>,
+    abandoned: Mutex<Vec<Arc<dyn Watched>>>,
 }
 
 impl Watcher {
-    /// The watcher, whose thread runs.
+    /// Returns the watcher. Starts its thread on the first call.
     pub fn started() -> Result<&'static Arc<Self>> {
         let _starting = lock(&STARTING);
         if let Some(watcher) = WATCHER.get() {
@@ -62,47 +71,48 @@ impl Watcher {
         })
     }
 
-    /// Makes lines that have a number.
-    pub fn register(&self, lines: impl FnOnce(u64) -> Lines) -> Arc<Lines> {
+    /// Registers the lines that `create` returns for a new number.
+    pub fn register<T: Watched + 'static>(&self, create: impl FnOnce(u64) -> T) -> Arc<T> {
         let id = self.next.fetch_add(1, Ordering::Relaxed);
-        let lines = Arc::new(lines(id));
-        lock(&self.open).insert(id, Arc::downgrade(&lines));
+        let lines = Arc::new(create(id));
+        let watched: Arc<dyn Watched> = lines.clone();
+        lock(&self.open).insert(id, Arc::downgrade(&watched));
         lines
     }
 
-    /// Lines are closed, and nobody refers to them.
-    pub fn forget(&self, id: u64) {
+    /// Removes lines that are dropped.
+    pub fn unregister(&self, id: u64) {
         lock(&self.open).remove(&id);
     }
 
-    /// All lines here that have one of a chip among them.
-    pub fn holders(&self, chip: &str, offset: u32) -> Vec<Arc<Lines>> {
+    /// Returns all open lines that include the line `offset` of a chip.
+    pub fn including(&self, chip: &str, offset: u32) -> Vec<Arc<dyn Watched>> {
         let open: Vec<_> = lock(&self.open)
             .values()
             .filter_map(Weak::upgrade)
             .collect();
         open.into_iter()
-            .filter(|lines| lines.chip == chip && lines.offsets.contains(&offset))
+            .filter(|lines| lines.includes(chip, offset))
             .collect()
     }
 
-    /// Has lines closed, and waits for nothing.
-    pub fn abandon(&self, lines: Arc<Lines>) {
+    /// Lets the thread close lines, without waiting.
+    pub fn abandon(&self, lines: Arc<dyn Watched>) {
         lock(&self.abandoned).push(lines);
-        // It cannot fail but by a count that is full, and then the thread is awake.
+        // Fails only if the counter is full, and then the thread is awake.
         let _ = self.wake.write(1);
     }
 
-    /// From now on [`Lines::pass_on`] is called when there are edges.
+    /// Starts calling [`Watched::deliver_edges`] when edges arrive.
     pub fn watch(&self, file: &File, id: u64) -> Result<()> {
         Ok(self
             .epoll
             .add(file, EpollEvent::new(EpollFlags::EPOLLIN, id))?)
     }
 
-    /// From now on it is not.
-    pub fn ignore(&self, file: &File) {
-        // What is not watched need not be ignored.
+    /// Stops calling [`Watched::deliver_edges`].
+    pub fn unwatch(&self, file: &File) {
+        // Fails if the file is not watched, which is the desired state.
         let _ = self.epoll.delete(file);
     }
 
@@ -127,14 +137,14 @@ impl Watcher {
         }
         let lines = lock(&self.open).get(&id).and_then(Weak::upgrade);
         if let Some(lines) = lines {
-            lines.pass_on(message);
+            lines.deliver_edges(message);
         }
     }
 
     fn close_abandoned(&self) {
         let _ = self.wake.read();
         let abandoned = std::mem::take(&mut *lock(&self.abandoned));
-        // Closed before they are forgotten, so that who takes them over waits for it.
+        // Closes lines before it drops them, so that a caller of `including` waits for the end.
         for lines in abandoned {
             lines.close();
         }
