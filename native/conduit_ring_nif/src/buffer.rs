@@ -1,23 +1,24 @@
-//! Where a message is copied to: small ones aside, for the process's own heap; large ones into the binary that is sent.
+//! The buffer that a message is copied into: an array for small messages, which end up on a
+//! process heap, and the binary that is sent for large ones.
 
 use rustler::{Binary, Env, NewBinary, OwnedBinary};
 
-/// The BEAM keeps binaries of up to this many bytes on the heap of the process.
+/// The largest binary in bytes that the BEAM stores on a process heap.
 const HEAP_BINARY_LIMIT: usize = 64;
 
-/// See the module.
+/// The bytes of a message on their way to a term.
 pub enum Buffer {
-    /// The bytes and how many of them count.
+    /// The bytes and the length of the message.
     Small([u8; HEAP_BINARY_LIMIT], usize),
-    /// A binary of its own.
+    /// A binary outside process heaps.
     Large(OwnedBinary),
 }
 
 impl Buffer {
-    /// Room for `len` bytes.
+    /// Returns a buffer of `len` bytes.
     ///
     /// # Panics
-    /// When memory is exhausted, as any allocation.
+    /// When memory is exhausted.
     pub fn with_len(len: usize) -> Self {
         if len <= HEAP_BINARY_LIMIT {
             return Self::Small([0; HEAP_BINARY_LIMIT], len);
@@ -25,7 +26,7 @@ impl Buffer {
         Self::Large(OwnedBinary::new(len).expect("memory for a message"))
     }
 
-    /// The bytes as a term.
+    /// Converts the buffer into a term.
     pub fn into_binary(self, env: Env<'_>) -> Binary<'_> {
         match self {
             Self::Small(bytes, len) => {

@@ -1,28 +1,29 @@
-//! How many messages a subscription may still send, and to whom: `active` as in `:inet`, and single requests.
+//! The messages that a subscription may still send, and to whom: `active` as in `:inet`, and
+//! single requests. Pure.
 
 use std::collections::VecDeque;
 
 /// The mode that a caller sets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Active {
-    /// Every message, without end.
+    /// All messages, without end.
     Always,
-    /// The next one.
+    /// The next message.
     Once,
-    /// So many more; a negative number takes credits back.
+    /// This many more; a negative number takes credits back.
     More(i64),
-    /// None.
+    /// No message.
     Never,
 }
 
-/// What the thread does next.
+/// The thread's next step.
 #[derive(Debug, PartialEq, Eq)]
-pub enum Next<W> {
+pub enum Next<C> {
     /// Answer this request.
-    Answer(Request<W>),
+    Answer(Request<C>),
     /// Send the owner a message.
     Deliver,
-    /// Nobody asks for anything.
+    /// Wait for demand.
     Park,
 }
 
@@ -33,42 +34,43 @@ enum Mode {
     Credits(i64),
 }
 
-/// A request for one message, known by its number.
+/// A request for one message.
 #[derive(Debug, PartialEq, Eq)]
-pub struct Request<W> {
-    /// Unique within the subscription.
+pub struct Request<C> {
+    /// The request's number, unique within the subscription.
     pub id: u64,
-    /// What is wanted, and by whom.
-    pub what: W,
+    /// The caller and the kind of message that it wants.
+    pub caller: C,
 }
 
-/// What has been asked for and not been given yet.
+/// The requested messages that are not sent yet.
 #[derive(Debug)]
-pub struct Demand<W> {
+pub struct Demand<C> {
     mode: Mode,
-    requests: VecDeque<Request<W>>,
-    /// The request that the thread has in hand.
-    in_hand: Option<InHand>,
+    requests: VecDeque<Request<C>>,
+    /// The request that the thread is answering.
+    in_progress: Option<InProgress>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct InHand {
+struct InProgress {
     id: u64,
     cancelled: bool,
 }
 
-impl<W> Default for Demand<W> {
+impl<C> Default for Demand<C> {
     fn default() -> Self {
         Self {
             mode: Mode::Credits(0),
             requests: VecDeque::new(),
-            in_hand: None,
+            in_progress: None,
         }
     }
 }
 
-impl<W> Demand<W> {
-    /// Sets the mode; credits add up. True when that used up what there was: the owner is to be told that it is passive.
+impl<C> Demand<C> {
+    /// Sets the mode. Credits add up. Returns `true` when no credit is left, so that the owner
+    /// must be notified that it is passive.
     pub fn set(&mut self, active: Active) -> bool {
         self.mode = match (active, self.mode) {
             (Active::Always, _) => Mode::Always,
@@ -82,30 +84,32 @@ impl<W> Demand<W> {
         matches!(active, Active::More(_)) && self.mode == Mode::Credits(0)
     }
 
-    /// True while messages go to the owner.
+    /// Returns whether messages are delivered to the owner.
     pub fn is_active(&self) -> bool {
         self.mode != Mode::Credits(0)
     }
 
-    /// Asks for one message.
-    pub fn request(&mut self, request: Request<W>) {
+    /// Adds a request for one message.
+    pub fn request(&mut self, request: Request<C>) {
         self.requests.push_back(request);
     }
 
-    /// Takes a request back. False when the thread has it in hand or has answered it: then an answer comes, or has come.
+    /// Cancels a request. Returns `false` when the thread is answering it or has answered it;
+    /// then an answer arrives or has arrived.
     pub fn cancel(&mut self, id: u64) -> bool {
-        if let Some(in_hand) = self.in_hand.as_mut().filter(|in_hand| in_hand.id == id) {
-            in_hand.cancelled = true;
+        let in_progress = self.in_progress.as_mut();
+        if let Some(request) = in_progress.filter(|request| request.id == id) {
+            request.cancelled = true;
         }
         let before = self.requests.len();
         self.requests.retain(|request| request.id != id);
         self.requests.len() < before
     }
 
-    /// What is to be done next; requests come first.
-    pub fn next(&mut self) -> Next<W> {
+    /// Returns the next step. Requests come first.
+    pub fn next(&mut self) -> Next<C> {
         let request = self.requests.pop_front();
-        self.in_hand = request.as_ref().map(|request| InHand {
+        self.in_progress = request.as_ref().map(|request| InProgress {
             id: request.id,
             cancelled: false,
         });
@@ -116,22 +120,24 @@ impl<W> Demand<W> {
         }
     }
 
-    /// Puts back the request in hand, for which there is no message yet, or gives it back when it was cancelled meanwhile.
-    pub fn postpone(&mut self, request: Request<W>) -> Option<Request<W>> {
-        if self.in_hand.take().is_some_and(|in_hand| in_hand.cancelled) {
+    /// Puts back the request in progress, for which there is no message yet. Returns it when it
+    /// was cancelled meanwhile.
+    pub fn postpone(&mut self, request: Request<C>) -> Option<Request<C>> {
+        let in_progress = self.in_progress.take();
+        if in_progress.is_some_and(|request| request.cancelled) {
             return Some(request);
         }
         self.requests.push_front(request);
         None
     }
 
-    /// Every request that is left, to be refused.
-    pub fn drain(&mut self) -> impl Iterator<Item = Request<W>> {
+    /// Removes all requests.
+    pub fn drain(&mut self) -> impl Iterator<Item = Request<C>> {
         self.requests.drain(..)
     }
 
-    /// Counts a message that the owner is given next. True when the last credit goes with it.
-    pub fn delivered(&mut self) -> bool {
+    /// Counts a message to the owner. Returns `true` when it takes the last credit.
+    pub fn count_delivery(&mut self) -> bool {
         match &mut self.mode {
             Mode::Always => false,
             Mode::Once => {
@@ -157,7 +163,11 @@ mod tests {
         assert!(!demand.set(Active::More(2)));
         assert!(!demand.set(Active::More(1)));
         assert_eq!(
-            [demand.delivered(), demand.delivered(), demand.delivered()],
+            [
+                demand.count_delivery(),
+                demand.count_delivery(),
+                demand.count_delivery()
+            ],
             [false, false, true]
         );
         assert_eq!(demand.next(), Next::Park);
@@ -172,25 +182,25 @@ mod tests {
     }
 
     #[test]
-    fn once_is_one_message_without_a_word_at_its_end() {
+    fn once_is_one_message_without_a_notification_at_its_end() {
         let mut demand = Demand::<()>::default();
         demand.set(Active::Once);
         assert_eq!(demand.next(), Next::Deliver);
-        assert!(!demand.delivered());
+        assert!(!demand.count_delivery());
         assert_eq!(demand.next(), Next::Park);
     }
 
     #[test]
-    fn always_never_ends_until_it_is_taken_back() {
+    fn always_lasts_until_the_mode_changes() {
         let mut demand = Demand::<()>::default();
         demand.set(Active::Always);
-        assert!(!(0..1000).any(|_| demand.delivered()));
+        assert!(!(0..1000).any(|_| demand.count_delivery()));
         assert!(!demand.set(Active::Never));
         assert_eq!(demand.next(), Next::Park);
     }
 
     fn request(id: u64) -> Request<()> {
-        Request { id, what: () }
+        Request { id, caller: () }
     }
 
     #[test]
@@ -206,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_cancelled_in_hand_is_given_back_instead_of_waiting_on() {
+    fn a_request_cancelled_in_progress_is_returned_instead_of_postponed() {
         let mut demand = Demand::default();
         demand.request(request(1));
         assert_eq!(demand.next(), Next::Answer(request(1)));
@@ -215,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn cancelling_an_answered_request_leaves_the_next_one_alone() {
+    fn cancelling_an_answered_request_does_not_affect_the_next_one() {
         let mut demand = Demand::default();
         demand.request(request(1));
         demand.request(request(2));

@@ -1,34 +1,35 @@
-//! A value that one thread uses at a time, where nobody ever waits: not for the value, and not to take it away.
+//! A value for one thread at a time, without waiting: neither using it nor retiring it blocks.
 
 use std::cell::UnsafeCell;
 use std::sync::atomic::{AtomicU8, Ordering};
 
 const FREE: u8 = 0;
 const BUSY: u8 = 1;
-/// Busy, and whoever uses it takes it away afterwards.
-const LEAVING: u8 = 2;
-const GONE: u8 = 3;
+/// Busy, and its user drops it afterwards.
+const RETIRING: u8 = 2;
+const RETIRED: u8 = 3;
 
-/// Why a value cannot be used now.
+/// The reason why a value cannot be used.
 #[derive(Debug, PartialEq, Eq)]
-pub enum Refused {
-    /// Another thread is using it: try again.
+pub enum Unavailable {
+    /// Another thread is using it; try again.
     Busy,
-    /// It was taken away.
-    Gone,
+    /// It was retired.
+    Retired,
 }
 
-/// See the module.
+/// A value with a state that admits one thread at a time.
 pub struct Exclusive<T> {
     state: AtomicU8,
     value: UnsafeCell<Option<T>>,
 }
 
-// SAFETY: the state lets one thread at a time at the value, so that sharing it is as good as sending it.
+// SAFETY: the state admits one thread at a time to the value, so that sharing it is like sending
+// it.
 unsafe impl<T: Send> Sync for Exclusive<T> {}
 
 impl<T> Exclusive<T> {
-    /// A value that is free to use.
+    /// Returns a value that is free to use.
     pub fn new(value: T) -> Self {
         Self {
             state: AtomicU8::new(FREE),
@@ -36,31 +37,31 @@ impl<T> Exclusive<T> {
         }
     }
 
-    /// Uses the value, unless another thread does or it is gone.
+    /// Passes the value to `action`, unless another thread uses it or it is retired.
     #[inline]
-    pub fn try_with<R>(&self, action: impl FnOnce(&mut T) -> R) -> Result<R, Refused> {
+    pub fn try_with<R>(&self, action: impl FnOnce(&mut T) -> R) -> Result<R, Unavailable> {
         // Acquire: sees what the last user wrote before its Release in `Use::drop`.
         match self
             .state
             .compare_exchange(FREE, BUSY, Ordering::Acquire, Ordering::Relaxed)
         {
             Ok(_) => {}
-            Err(GONE) => return Err(Refused::Gone),
-            Err(_) => return Err(Refused::Busy),
+            Err(RETIRED) => return Err(Unavailable::Retired),
+            Err(_) => return Err(Unavailable::Busy),
         }
         let used = Use(self);
-        // SAFETY: this thread has just made the value its own, until `used` is dropped.
+        // SAFETY: this thread alone may use the value until `used` is dropped.
         let value = unsafe { &mut *self.value.get() };
-        let result = value.as_mut().map(action).ok_or(Refused::Gone);
+        let result = value.as_mut().map(action).ok_or(Unavailable::Retired);
         drop(used);
         result
     }
 
-    /// Takes the value away: at once when it is free, else by the thread that uses it, when it is done.
+    /// Drops the value: at once if it is free, otherwise in the thread that uses it, afterwards.
     pub fn retire(&self) {
         let retired = |state| match state {
-            FREE => Some(GONE),
-            BUSY => Some(LEAVING),
+            FREE => Some(RETIRED),
+            BUSY => Some(RETIRING),
             _ => None,
         };
         // Acquire: sees what the last user wrote before its Release in `Use::drop`.
@@ -73,14 +74,14 @@ impl<T> Exclusive<T> {
         }
     }
 
-    /// Only for the thread that the state names as the last.
+    /// Drops the value. Only for the thread that set the state to `RETIRED`.
     fn discard(&self) {
-        // SAFETY: the state is GONE by this thread's own doing, so nobody else reaches the value.
+        // SAFETY: this thread has set the state to RETIRED, so no other thread reaches the value.
         drop(unsafe { (*self.value.get()).take() });
     }
 }
 
-/// Ends a use, also when the action panics.
+/// Ends a use on drop, even when the action panics.
 struct Use<'a, T>(&'a Exclusive<T>);
 
 impl<T> Drop for Use<'_, T> {
@@ -92,7 +93,7 @@ impl<T> Drop for Use<'_, T> {
             .compare_exchange(BUSY, FREE, Ordering::Release, Ordering::Relaxed)
             .is_err()
         {
-            self.0.state.store(GONE, Ordering::Relaxed);
+            self.0.state.store(RETIRED, Ordering::Relaxed);
             self.0.discard();
         }
     }
@@ -104,16 +105,16 @@ mod tests {
     use std::sync::Arc;
 
     #[test]
-    fn a_retired_value_is_dropped_at_once_and_refused() {
+    fn a_retired_value_is_dropped_at_once_and_unavailable() {
         let value = Arc::new(());
         let exclusive = Exclusive::new(value.clone());
         exclusive.retire();
         assert_eq!(Arc::strong_count(&value), 1);
-        assert_eq!(exclusive.try_with(|_| ()), Err(Refused::Gone));
+        assert_eq!(exclusive.try_with(|_| ()), Err(Unavailable::Retired));
     }
 
     #[test]
-    fn a_value_in_use_is_refused_and_dropped_by_its_user() {
+    fn a_value_in_use_is_unavailable_and_dropped_by_its_user() {
         let value = Arc::new(());
         let exclusive = Exclusive::new(value.clone());
         let inner = exclusive.try_with(|_| {
@@ -121,13 +122,13 @@ mod tests {
             assert_eq!(Arc::strong_count(&value), 2, "the user still has it");
             exclusive.try_with(|_| ())
         });
-        assert_eq!(inner, Ok(Err(Refused::Busy)));
+        assert_eq!(inner, Ok(Err(Unavailable::Busy)));
         assert_eq!(Arc::strong_count(&value), 1);
-        assert_eq!(exclusive.try_with(|_| ()), Err(Refused::Gone));
+        assert_eq!(exclusive.try_with(|_| ()), Err(Unavailable::Retired));
     }
 
     #[test]
-    fn a_panic_gives_the_value_back() {
+    fn a_panic_releases_the_value() {
         let exclusive = Exclusive::new(1);
         let panicked = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
             let _ = exclusive.try_with(|_| panic!("on purpose"));
@@ -137,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn threads_never_use_it_together() {
+    fn threads_never_use_the_value_together() {
         let exclusive = Exclusive::new((0_u64, 0_u64));
         std::thread::scope(|scope| {
             for _ in 0..4 {

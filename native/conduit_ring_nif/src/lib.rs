@@ -1,16 +1,21 @@
-//! The ring as the BEAM sees it: terms in, terms out. The protocol is `conduit_ring`'s.
+//! The ring for the BEAM: terms in, terms out. `conduit_ring` implements the protocol.
 //!
-//! A publisher and a subscriber are resources. Each is released when the process that opened it dies; no callback of
-//! theirs blocks or joins.
+//! Publishers and subscribers are resources. Each is released when the process that opened it
+//! dies; none of their callbacks blocks or joins a thread.
 
 mod buffer;
+mod content;
 mod demand;
 mod exclusive;
-mod hot;
 mod lease;
-mod names;
+mod name_watch;
+mod publication;
+mod publish_binary;
 mod publisher;
+mod reader;
+mod sender;
 mod subscriber;
+mod subscription;
 mod terms;
 
 use conduit_ring::trust::Trusted;
@@ -21,31 +26,31 @@ use crate::terms::{InfoTerm, failure};
 rustler::init!("Elixir.BB.Ring.Native", load = load);
 
 fn load(env: Env, _info: Term) -> bool {
-    env.register::<publisher::PublisherResource>().is_ok()
-        && env.register::<subscriber::SubscriberResource>().is_ok()
+    env.register::<publication::PublisherResource>().is_ok()
+        && env.register::<subscription::SubscriberResource>().is_ok()
         && env.register::<lease::BinaryResource>().is_ok()
         && env.register::<lease::LeaseResource>().is_ok()
 }
 
-/// Nanoseconds of the ring's clock, CLOCK_MONOTONIC_RAW.
+/// Returns the time of the ring's clock, CLOCK_MONOTONIC_RAW, in nanoseconds.
 #[rustler::nif]
 fn now_ns() -> u64 {
     conduit_ring::clock::now_ns()
 }
 
-/// The cost of a call alone: what publishing is measured against.
+/// Does nothing. Benchmarks of publishing subtract the cost of this call.
 #[rustler::nif]
 fn nothing() -> rustler::Atom {
     rustler::types::atom::ok()
 }
 
-/// The content tag of an encoding's name.
+/// Returns the content tag of an encoding's name.
 #[rustler::nif]
 fn content_tag(name: &str) -> u64 {
     conduit_ring::ContentTag::of(name).value()
 }
 
-/// Trusts these users and groups, lists with commas between, beside those that the environment lists.
+/// Trusts these users and groups, comma-separated lists, beside those of the environment.
 #[rustler::nif(schedule = "DirtyIo")]
 fn trust<'a>(env: Env<'a>, users: &str, groups: &str) -> Term<'a> {
     let trusted = Trusted::of_environment().and_then(|mut trusted| {

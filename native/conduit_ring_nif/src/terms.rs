@@ -1,23 +1,20 @@
-//! The shapes in which things of the ring reach Elixir.
+//! The terms that represent messages, topics and errors in Elixir.
 
 use std::path::Path;
 
-use conduit_ring::{ContentTag, Error, Info, Lease, Meta, PublishError, Reader, State};
+use conduit_ring::{ContentTag, Error, Info, Meta, PublishError, Reader, State};
 use rustler::{Atom, Binary, Encoder, Env, NifMap, NifStruct, Term};
 
 use crate::buffer::Buffer;
-use crate::lease::LeaseResource;
 
-/// Up to this length a copy costs less than to lend and take back.
-const LENT_FROM: usize = 64 * 1024;
-
-/// Atoms by name.
+/// The atoms of the terms.
 pub mod atoms {
     rustler::atoms! {
-        active, bb_ring, bb_ring_closed, bb_ring_passive, bb_ring_publisher, bb_ring_reply, busy, closed, dead, empty,
-        foreign_owner, invalid, legacy, legacy_topic, live, message_too_large, name_lost, no_reader_slot, no_topic,
-        not_a_ring, other_content, passive, publisher_alive, publisher_down, publisher_up, renewed, retired, slot_held, system, thread,
-        timeout, too_many_leases, unknown,
+        active, bb_ring, bb_ring_closed, bb_ring_passive, bb_ring_publisher, bb_ring_reply, busy,
+        closed, dead, empty, foreign_owner, invalid, legacy, legacy_topic, live, message_too_large,
+        name_lost, no_reader_slot, no_topic, not_a_ring, other_content, passive, publisher_alive,
+        publisher_down, publisher_up, renewed, retired, slot_held, system, thread, timeout,
+        too_many_leases, unknown,
     }
 }
 
@@ -30,22 +27,22 @@ struct Message<'a> {
     lost: u64,
 }
 
-/// `{:ok, value}`.
+/// Encodes `{:ok, value}`.
 pub fn ok<'a>(env: Env<'a>, value: impl Encoder) -> Term<'a> {
     (rustler::types::atom::ok(), value).encode(env)
 }
 
-/// `{:error, reason}`.
+/// Encodes `{:error, reason}`.
 pub fn error<'a>(env: Env<'a>, reason: impl Encoder) -> Term<'a> {
     (rustler::types::atom::error(), reason).encode(env)
 }
 
-/// A message as a `%BB.Ring.Message{}`.
+/// Encodes a message as a `%BB.Ring.Message{}`.
 pub fn message(env: Env<'_>, meta: Meta, data: Buffer) -> Term<'_> {
     lent_message(env, meta, data.into_binary(env))
 }
 
-/// As [`message`], of a binary.
+/// As [`message`], with a binary.
 pub fn lent_message<'a>(env: Env<'a>, meta: Meta, data: Binary<'a>) -> Term<'a> {
     let message = Message {
         sequence: meta.sequence,
@@ -56,18 +53,7 @@ pub fn lent_message<'a>(env: Env<'a>, meta: Meta, data: Binary<'a>) -> Term<'a> 
     message.encode(env)
 }
 
-/// The handle of a lent message; a short message is copied, and there is nothing to lend.
-pub fn frame(env: Env<'_>, lease: Lease) -> Term<'_> {
-    let meta = lease.meta();
-    if meta.len > LENT_FROM {
-        return LeaseResource::new(lease).encode(env);
-    }
-    let mut data = Buffer::with_len(meta.len);
-    lease.read_at(0, data.as_mut());
-    message(env, meta, data)
-}
-
-/// A topic as it stands, as `t:BB.Ring.info/0`.
+/// The state of a topic, as `t:BB.Ring.info/0`.
 #[derive(NifMap)]
 pub struct InfoTerm {
     topic: String,
@@ -143,7 +129,7 @@ fn state(state: State) -> Atom {
     }
 }
 
-/// `{:error, reason}` with a reason of `t:BB.Ring.reason/0`.
+/// Encodes `{:error, reason}` with a reason of `t:BB.Ring.reason/0`.
 pub fn failure<'a>(env: Env<'a>, failed: &Error) -> Term<'a> {
     let reason = match failed {
         Error::ForeignOwner { path, user, name } => {
@@ -172,7 +158,7 @@ pub fn failure<'a>(env: Env<'a>, failed: &Error) -> Term<'a> {
     error(env, reason)
 }
 
-/// The refusal of a topic whose messages are others than those that were asked for.
+/// Encodes the error for a topic with unexpected content.
 pub fn other_content(env: Env<'_>, found: ContentTag) -> Term<'_> {
     error(env, (atoms::other_content(), found.value()))
 }
@@ -181,7 +167,7 @@ fn text(path: &Path) -> String {
     path.display().to_string()
 }
 
-/// The atom of a message that was not published.
+/// Returns the atom for a message that was not published.
 pub fn publish_error(failed: &PublishError) -> Atom {
     match failed {
         PublishError::TooLarge { .. } => atoms::message_too_large(),
