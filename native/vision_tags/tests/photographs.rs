@@ -1,7 +1,7 @@
 //! Compares the detector with the reference detector on real photographs.
 //!
-//! The photographs are not part of the repository. When their folder is absent, these tests report
-//! it and pass.
+//! The photographs are not part of the repository. When their folder is absent, these tests
+//! report it and pass.
 
 #[path = "../../program/tests/support/shared_data.rs"]
 mod shared_data;

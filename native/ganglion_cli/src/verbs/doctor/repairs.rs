@@ -27,7 +27,7 @@ pub fn repair(finding: &Finding) -> Outcome {
         Ok(Repair::NotNeeded) | Err(Error::NoTopic { .. }) => Outcome::Repaired("already gone"),
         Ok(Repair::PublisherAlive) => Outcome::Left("a publisher has started".into()),
         Ok(Repair::InUse) => Outcome::Left("a process has, or may have, the file open".into()),
-        Ok(Repair::NotARing) => Outcome::Left("the file shows no sign of ever being a ring".into()),
+        Ok(Repair::NotARing) => Outcome::Left("no sign that the file was ever a ring".into()),
         Ok(other) => Outcome::Left(format!("{other:?}")),
         Err(error) => Outcome::Left(error.to_string()),
     }
