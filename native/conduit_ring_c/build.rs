@@ -1,6 +1,6 @@
-//! Gives the shared library the name that programs linked with it look for.
+//! Sets the soname, by which the loader finds the shared library.
 
-/// `CONDUIT_RING_ABI_VERSION`, whose agreement with this line a test holds.
+/// Contains `CONDUIT_RING_ABI_VERSION`; a test compares them.
 const SONAME: &str = "libconduit_ring.so.2";
 
 fn main() {

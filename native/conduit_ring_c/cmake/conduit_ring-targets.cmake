@@ -1,7 +1,8 @@
 # Targets:
 #   conduit_ring::conduit_ring         C: conduit_ring.h and the shared library
 #   conduit_ring::conduit_ring_static  the same with the static library
-#   conduit_ring::conduit_core         C++17: conduit_core/*.hpp; also conduit_core, conduit_core::conduit_core, conduit::conduit_core
+#   conduit_ring::conduit_core         C++17: conduit_core/*.hpp; aliases: conduit_core,
+#                                      conduit_core::conduit_core, conduit::conduit_core
 # Expects _conduit_ring_include_dir and _conduit_ring_library_dir.
 include(CMakeFindDependencyMacro)
 find_dependency(Threads)
@@ -20,7 +21,8 @@ if(NOT TARGET conduit_ring::conduit_ring)
     INTERFACE_INCLUDE_DIRECTORIES "${_conduit_ring_include_dir}"
     INTERFACE_LINK_LIBRARIES "Threads::Threads;${CMAKE_DL_LIBS};m")
 
-  foreach(_conduit_ring_name conduit_ring::conduit_core conduit_core conduit_core::conduit_core conduit::conduit_core)
+  foreach(_conduit_ring_name
+      conduit_ring::conduit_core conduit_core conduit_core::conduit_core conduit::conduit_core)
     add_library(${_conduit_ring_name} INTERFACE IMPORTED GLOBAL)
     set_target_properties(${_conduit_ring_name} PROPERTIES
       INTERFACE_LINK_LIBRARIES conduit_ring::conduit_ring

@@ -1,4 +1,4 @@
-// A node that publishes frames of 2,000,000 bytes 30 times a second, in a ring of 4 slots.
+// A node that publishes frames of 2,000,000 bytes 30 times per second, in a ring of 4 slots.
 #include <cstdint>
 #include <vector>
 
@@ -22,7 +22,9 @@ private:
   void tick() {
     ++shade_;
     for (auto& pixel : frame_) pixel = shade_;
-    if (!publisher_.publish(frame_.data(), frame_.size())) conduit::log::error("the frame does not fit into a slot");
+    if (!publisher_.publish(frame_.data(), frame_.size())) {
+      conduit::log::error("frame does not fit into a slot");
+    }
   }
 
   conduit::Publisher publisher_;

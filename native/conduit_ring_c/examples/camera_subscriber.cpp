@@ -1,4 +1,4 @@
-// A node that checks each frame that camera_publisher.cpp publishes: all its pixels have one shade.
+// A node that checks the frames of camera_publisher.cpp: all pixels have the same shade.
 #include <algorithm>
 #include <cstdint>
 
@@ -12,9 +12,12 @@ public:
 private:
   void on_frame(const conduit::Message& message) {
     const auto* pixels = static_cast<const std::uint8_t*>(message.data());
-    const bool plain = std::all_of(pixels, pixels + message.size(), [&](std::uint8_t pixel) { return pixel == pixels[0]; });
-    if (!plain) conduit::log::error("frame {} is torn", message.sequence());
-    if (message.lost() > 0) conduit::log::warn("{} frames lost before {}", message.lost(), message.sequence());
+    const auto same_shade = [&](std::uint8_t pixel) { return pixel == pixels[0]; };
+    const bool whole = std::all_of(pixels, pixels + message.size(), same_shade);
+    if (!whole) conduit::log::error("frame {} is torn", message.sequence());
+    if (message.lost() > 0) {
+      conduit::log::warn("{} frames lost before {}", message.lost(), message.sequence());
+    }
     if (++frames_ % 30 == 0) conduit::log::info("{} frames of {} bytes", frames_, message.size());
   }
 

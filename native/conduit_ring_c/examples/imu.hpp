@@ -1,4 +1,4 @@
-// What imu_publisher.cpp and imu_subscriber.cpp have in common: a struct that travels as it lies in memory.
+// The message of imu_publisher.cpp and imu_subscriber.cpp: a struct that is copied byte by byte.
 #pragma once
 
 #include <type_traits>
@@ -9,5 +9,5 @@ struct ImuData {
   float gyro[3];     // rad/s
 };
 
-static_assert(std::is_trivially_copyable_v<ImuData>, "it is copied byte by byte");
-static_assert(sizeof(ImuData) == 32, "no padding");
+static_assert(std::is_trivially_copyable_v<ImuData>, "expected a trivially copyable struct");
+static_assert(sizeof(ImuData) == 32, "expected a struct without padding");

@@ -1,4 +1,4 @@
-// A node that publishes a struct 100 times a second.
+// A node that publishes a struct 100 times per second.
 #include <chrono>
 #include <cmath>
 

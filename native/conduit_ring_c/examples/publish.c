@@ -1,4 +1,4 @@
-/* Publishes ten numbered messages on the topic "numbers", each gathered from two parts. */
+/* Publishes ten numbered messages on the topic "numbers", each from two parts. */
 #define _POSIX_C_SOURCE 200809L
 
 #include <inttypes.h>
@@ -26,7 +26,8 @@ int main(void) {
         snprintf(digits, sizeof digits, "%d", number);
         const conduit_ring_part parts[] = {{"number ", 7}, {digits, strlen(digits)}};
         uint64_t sequence;
-        if (conduit_ring_publisher_publish_parts(publisher, parts, 2, &sequence) < 0) return failed("publish");
+        if (conduit_ring_publisher_publish_parts(publisher, parts, 2, &sequence) < 0)
+            return failed("publish");
         printf("published message %" PRIu64 "\n", sequence);
         const struct timespec pause = {.tv_sec = 0, .tv_nsec = 200000000};
         nanosleep(&pause, NULL);

@@ -1,4 +1,4 @@
-// A publisher with a ring of its own shape: 8 slots for messages of up to 1004 bytes.
+// A publisher with a configured ring: 8 slots for messages of up to 1004 bytes.
 #include <chrono>
 #include <cstdint>
 #include <string>
@@ -17,7 +17,9 @@ int main() {
 
   for (std::uint32_t count = 0;; ++count) {
     const std::string text = "greeting " + std::to_string(count);
-    if (!publisher.publish(text.data(), text.size())) conduit::log::warn("{} bytes do not fit", text.size());
+    if (!publisher.publish(text.data(), text.size())) {
+      conduit::log::warn("message of {} bytes does not fit", text.size());
+    }
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
   }
 }

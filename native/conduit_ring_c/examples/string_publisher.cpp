@@ -1,4 +1,4 @@
-// A node that publishes a text once a second.
+// A node that publishes a text once per second.
 #include <string>
 
 #include <conduit_core/log.hpp>

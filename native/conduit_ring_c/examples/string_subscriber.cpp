@@ -1,4 +1,4 @@
-// A node that prints each text that string_publisher.cpp publishes.
+// A node that prints the texts of string_publisher.cpp.
 #include <string_view>
 
 #include <conduit_core/log.hpp>
@@ -10,7 +10,8 @@ public:
 
 private:
   void on_message(const conduit::Message& message) {
-    conduit::log::info("heard: {}", std::string_view(static_cast<const char*>(message.data()), message.size()));
+    const std::string_view text(static_cast<const char*>(message.data()), message.size());
+    conduit::log::info("heard: {}", text);
   }
 };
 

@@ -1,4 +1,4 @@
-/* Prints what publish.c publishes, from before its start to its end. */
+/* Prints the messages of publish.c, from before its start to its end. */
 #include <inttypes.h>
 #include <stdio.h>
 
@@ -23,7 +23,8 @@ int main(void) {
 
     uint32_t event = 0;
     while (event != CONDUIT_RING_EVENT_PUBLISHER_DOWN) {
-        if (conduit_ring_subscriber_read(subscriber, message, CONDUIT_RING_FOREVER, &event) < 0) return failed("read");
+        if (conduit_ring_subscriber_read(subscriber, message, CONDUIT_RING_FOREVER, &event) < 0)
+            return failed("read");
         if (event == CONDUIT_RING_EVENT_MESSAGE) print(message);
     }
     conduit_ring_message_free(message);

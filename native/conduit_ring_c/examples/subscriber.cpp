@@ -1,4 +1,4 @@
-// Reads what publisher.cpp publishes, before, while and after that runs.
+// Reads the messages of publisher.cpp; may run before, during and after it.
 #include <chrono>
 #include <string_view>
 
@@ -10,7 +10,7 @@ int main() {
   for (;;) {
     const auto message = subscriber.wait_for(std::chrono::seconds(1));
     if (!message) {
-      conduit::log::warn("nothing on {} for a second", subscriber.topic());
+      conduit::log::warn("no message on {} for a second", subscriber.topic());
       continue;
     }
     const std::string_view text(static_cast<const char*>(message->data()), message->size());

@@ -1,44 +1,61 @@
-/*
- * conduit_ring.h - message rings in shared memory: one publisher, many subscribers, any process.
+/**
+ * @file conduit_ring.h
+ * @brief Message rings in shared memory for Linux: one publisher, many subscribers.
  *
- * A topic is a file, /dev/shm/conduit_<topic>. Its one publisher overwrites the oldest message with the newest and never
- * waits for anybody; each subscriber copies messages out, and gets a message whole and as it was published, or learns
- * that it was lost. Either side may die at any moment, by SIGKILL too: the next publisher goes on with the topic, and
- * the others are told. Link with `pkg-config --cflags --libs conduit_ring`. Linux only.
+ * A topic is a file, /dev/shm/conduit_<topic>. Its single publisher overwrites the oldest message
+ * with the newest and never waits for a subscriber. Each subscriber copies messages out: it gets
+ * a message complete and as it was published, or learns that the message was lost. Both sides may
+ * die at any time, even by SIGKILL: the next publisher takes the topic over, and the subscribers
+ * are notified. Link with `pkg-config --cflags --libs conduit_ring`.
  *
- * Errors. Functions that can fail return 0 or a negative errno; conduit_ring_last_error() has the sentence.
- *   -EINVAL           the caller's mistake: a NULL that must not be one, a wrong name, value or abi_version
- *   -EBUSY            opening: another publisher of this topic lives; publishing: subscribers hold all slots, counted,
- *                     nothing published
- *   -EPERM            the topic's file belongs to a user who is not trusted (CONDUIT_RING_TRUSTED_UIDS in the
- *                     environment lists those who are)
- *   -ESTALE           publishing: the topic's file was removed or replaced, and cannot be made anew; the sentence says why
- *                     (another publisher has the name). Nothing was published, and it is tried again
- *   -EEXIST           the topic's file was made by a publisher without the extension and may be in use
- *                     (CONDUIT_RING_FORCE replaces it)
- *   -EPROTO           the topic's file is not a ring, or of an unknown version
- *   -EUSERS           the topic has 16 subscribers already
- *   -ENOENT           there is no such topic
- *   -EMSGSIZE         the message does not fit into a slot: counted, nothing published
- *   -EMFILE           three leases of the subscriber are held already; the message is kept
- *   -EAGAIN, -ETIMEDOUT, -ECANCELED
- *                     nothing to read; not in time; the waker was used. These are no faults: the sentence is not set.
- *   -ENOBUFS          the buffer is too small for the message, which is kept for the next read
- *   -EALREADY         another thread is using this subscriber; a loan of this publisher is out
- *   -ESHUTDOWN        this publisher has ended its topic
- *   -EPERM            the handle belongs to the process that forked this one
- *   -ENOTRECOVERABLE  a fault inside the library, or a handle that had one before; close it
- *   any other         what the operating system answered
+ * @code
+ * conduit_ring_publisher *publisher;
+ * if (conduit_ring_publisher_open("chatter", NULL, &publisher) != 0) {
+ *     fprintf(stderr, "%s\n", conduit_ring_last_error());
+ *     return 1;
+ * }
+ * conduit_ring_publisher_publish(publisher, "hello", 5, NULL);
+ * conduit_ring_publisher_close(publisher);
+ * @endcode
  *
- * Threads. A publisher may be used by several threads at once. A subscriber may be used by one at a time; only its
- * wakers may be used meanwhile. Close a handle when no thread uses it any more. A child after fork()
- * may close its parent's handles, which changes nothing for the parent; whatever else is asked of them answers -EPERM.
+ * **Errors.** A function that can fail returns 0 or a negative errno. conduit_ring_last_error()
+ * returns the message.
  *
- * A topic's file that is removed or replaced is made anew under the same numbers, within a second and while nothing is
- * published, too: each publisher has a thread that looks after its name, gets no signals and sleeps otherwise
- * (CONDUIT_RING_NO_THREAD: it has none). Not while a loan is out.
+ * - -EINVAL: a mistake of the caller: NULL where it is not allowed, an invalid name or value, a
+ *   wrong abi_version
+ * - -EBUSY: opening: the topic has a live publisher; publishing: subscribers hold all slots, the
+ *   message is dropped and counted
+ * - -EPERM: the topic's file belongs to an untrusted user (CONDUIT_RING_TRUSTED_UIDS in the
+ *   environment lists trusted ones), or the handle belongs to the parent of a forked process
+ * - -ESTALE: publishing: the topic's file was removed or replaced and cannot be created again;
+ *   the message says why. Nothing was published; the next call tries again
+ * - -EEXIST: the topic's file is from a publisher without the extension and may be in use
+ *   (CONDUIT_RING_FORCE replaces it)
+ * - -EPROTO: the topic's file is not a ring or has an unknown version
+ * - -EUSERS: the topic has 16 subscribers already
+ * - -ENOENT: the topic does not exist
+ * - -EMSGSIZE: the message does not fit into a slot; it is dropped and counted
+ * - -EMFILE: the subscriber holds three leases already; the message stays in the ring
+ * - -EAGAIN, -ETIMEDOUT, -ECANCELED: no message, timeout, or woken by a waker. These are not
+ *   failures and set no message
+ * - -ENOBUFS: the message does not fit into the buffer; it is kept for the next read
+ * - -EALREADY: another thread uses this subscriber, or a loan of this publisher is outstanding
+ * - -ESHUTDOWN: this publisher has ended its topic
+ * - -ENOTRECOVERABLE: a fault inside the library, now or in an earlier call on this handle; close
+ *   the handle
+ * - other: an error of the operating system
  *
- * Units stand in the names: _ns, _bytes. Times are of CLOCK_MONOTONIC_RAW.
+ * **Threads.** Several threads may use a publisher at once. Only one thread at a time may use a
+ * subscriber; other threads may use its wakers meanwhile. Close a handle when no thread uses it.
+ * After fork(), a child may close its parent's handles without effect on the parent; every other
+ * function returns -EPERM for them.
+ *
+ * **Names of topics.** If a topic's file is removed or replaced, its publisher creates it again
+ * within a second, with continuous sequence numbers, even while nothing is published. Each
+ * publisher has a thread for this, which blocks all signals and sleeps otherwise
+ * (CONDUIT_RING_NO_THREAD disables it). It does nothing while a loan is outstanding.
+ *
+ * **Units** are part of the names: _ns, _bytes. Times are of CLOCK_MONOTONIC_RAW.
  */
 #ifndef CONDUIT_RING_H
 #define CONDUIT_RING_H
@@ -51,327 +68,502 @@
 extern "C" {
 #endif
 
-/* ---- Versions ------------------------------------------------------------------------------------------------- */
+/* ---- Versions ------------------------------------------------------------------------------ */
 
-/* Changes with every change of this header that a compiled program would notice; also the soname's number. */
+/**
+ * @brief The version of the ABI: changes with each change of this header that affects compiled
+ * programs. It is the number of the soname too.
+ */
 #define CONDUIT_RING_ABI_VERSION 2u
 
-/* CONDUIT_RING_ABI_VERSION of the library that is really there. */
+/** @brief Returns the CONDUIT_RING_ABI_VERSION of the loaded library. */
 uint32_t conduit_ring_abi_version(void);
 
-/* Version of the library, such as "0.1.0". */
+/** @brief Returns the version of the library, such as "0.1.0". */
 const char *conduit_ring_version(void);
 
-/*
- * The sentence of this thread's last error: which topic, what was given, what is accepted. Never NULL; "" before the
- * first error. Valid until the next error of the same thread, and not cleared by success.
+/**
+ * @brief Returns the message of this thread's last error: the topic, what was expected and what
+ * was given.
+ *
+ * Never returns NULL; returns "" before the first error. The text is valid until the next error
+ * of the same thread. Success does not clear it.
  */
 const char *conduit_ring_last_error(void);
 
-/* ---- Clock ---------------------------------------------------------------------------------------------------- */
+/* ---- Clock --------------------------------------------------------------------------------- */
 
-/* Now, on the clock that stamps messages (CLOCK_MONOTONIC_RAW). It never steps; all processes of a machine share it. */
+/**
+ * @brief Returns the time of the clock that stamps messages, CLOCK_MONOTONIC_RAW. It never steps
+ * and is the same for all processes of a machine.
+ */
 uint64_t conduit_ring_clock_now_ns(void);
 
-/* What to add to such a time to get wall time (ns since 1970), as of now. */
+/**
+ * @brief Returns the current difference from that clock to wall time (ns since 1970). Add it to a
+ * time stamp.
+ */
 int64_t conduit_ring_clock_realtime_offset_ns(void);
 
-/* ---- Geometry ------------------------------------------------------------------------------------------------- */
+/* ---- Geometry ------------------------------------------------------------------------------ */
 
-/* Number and length of a ring's slots. The longest message has slot_size_bytes - CONDUIT_RING_SLOT_HEADER_BYTES, whatever
- * the file rounds a slot's length up to (a multiple of 64). */
+/**
+ * @brief Number and size of a ring's slots.
+ *
+ * The longest message has slot_size_bytes - CONDUIT_RING_SLOT_HEADER_BYTES bytes. The file rounds
+ * the slot size up to a multiple of 64, which does not change that limit.
+ */
 typedef struct conduit_ring_geometry {
-    uint32_t slot_count;      /* a power of two, up to 2^20 */
-    uint32_t slot_size_bytes; /* with the slot's header; up to 2^30 */
+    uint32_t slot_count;      /**< A power of two, up to 2^20. */
+    uint32_t slot_size_bytes; /**< Includes the slot's header; up to 2^30. */
 } conduit_ring_geometry;
 
+/** @brief The size of a slot's header. */
 #define CONDUIT_RING_SLOT_HEADER_BYTES 20u
 
-/* As conduit counts: a slot's length includes its header. -EINVAL outside the limits. */
-int conduit_ring_geometry_slots(uint32_t slot_count, uint32_t slot_size_bytes, conduit_ring_geometry *geometry);
+/**
+ * @brief Sets a geometry from conduit's numbers: the slot size includes the header.
+ * @return 0, or -EINVAL outside the limits.
+ */
+int conduit_ring_geometry_slots(uint32_t slot_count, uint32_t slot_size_bytes,
+                                conduit_ring_geometry *geometry);
 
-/* As a user thinks: at least `depth` messages, rounded up to a power of two, of up to `max_message_size_bytes`. */
-int conduit_ring_geometry_depth(uint32_t depth, uint32_t max_message_size_bytes, conduit_ring_geometry *geometry);
+/**
+ * @brief Sets a geometry from a user's numbers: at least `depth` messages, rounded up to a power
+ * of two, of up to `max_message_size_bytes` bytes.
+ * @return 0, or -EINVAL outside the limits.
+ */
+int conduit_ring_geometry_depth(uint32_t depth, uint32_t max_message_size_bytes,
+                                conduit_ring_geometry *geometry);
 
-/* ---- Publishing ----------------------------------------------------------------------------------------------- */
+/* ---- Publishing ---------------------------------------------------------------------------- */
 
+/** @brief The publisher of a topic. */
 typedef struct conduit_ring_publisher conduit_ring_publisher;
 
-/* `flags`: replace a topic's file that is not ours although a process may still use it. */
+/** @brief `flags`: replace a topic's foreign file even if a process may still use it. */
 #define CONDUIT_RING_FORCE 1u
-/* `flags`: no thread looks after the topic's name; conduit_ring_publisher_look_after() does. */
+/**
+ * @brief `flags`: start no thread that checks the topic's name. Call
+ * conduit_ring_publisher_look_after() instead.
+ */
 #define CONDUIT_RING_NO_THREAD 2u
-/* `group`: the process's own. */
+/** @brief `group`: the group of the process. */
 #define CONDUIT_RING_OWN_GROUP 0xFFFFFFFFu
 
-/* Begin with CONDUIT_RING_PUBLISHER_OPTIONS_INIT and change what you need. */
+/**
+ * @brief The options of a publisher. Start with CONDUIT_RING_PUBLISHER_OPTIONS_INIT and change
+ * fields as needed.
+ */
 typedef struct conduit_ring_publisher_options {
-    uint32_t abi_version; /* CONDUIT_RING_ABI_VERSION */
-    uint32_t flags;       /* CONDUIT_RING_FORCE and CONDUIT_RING_NO_THREAD, or 0 */
+    uint32_t abi_version; /**< CONDUIT_RING_ABI_VERSION. */
+    uint32_t flags;       /**< CONDUIT_RING_FORCE, CONDUIT_RING_NO_THREAD, both or 0. */
     conduit_ring_geometry geometry;
-    const char *content;  /* name of the messages' encoding, "sensor_msgs/msg/Imu"; NULL for raw bytes */
-    uint32_t mode;        /* permissions of the topic's file, whatever the umask */
-    uint32_t group;       /* group of the file, or CONDUIT_RING_OWN_GROUP */
+    const char *content;  /**< The encoding, such as "sensor_msgs/msg/Imu"; NULL for raw bytes. */
+    uint32_t mode;        /**< Permissions of the topic's file, independent of the umask. */
+    uint32_t group;       /**< Group of the file, or CONDUIT_RING_OWN_GROUP. */
 } conduit_ring_publisher_options;
 
+/** @brief The default options: 16 slots of 4096 bytes, raw, mode 0660. */
 #define CONDUIT_RING_PUBLISHER_OPTIONS_INIT \
     { CONDUIT_RING_ABI_VERSION, 0u, { 16u, 4096u }, NULL, 0660u, CONDUIT_RING_OWN_GROUP }
 
-/* One part of a message. Laid out as struct iovec. */
+/** @brief One part of a message, with the layout of struct iovec. */
 typedef struct conduit_ring_part {
-    const void *data; /* may be NULL if size_bytes is 0 */
+    const void *data; /**< May be NULL if size_bytes is 0. */
     size_t size_bytes;
 } conduit_ring_part;
 
-/*
- * Makes the topic; or goes on with it where a publisher that died left it, at the same sequence number and unnoticed by
- * its subscribers, if geometry and content are the same, and replaces it otherwise. `options` may be NULL: 16 slots of
- * 4096 bytes, raw. *publisher is NULL after an error. -EBUSY while another publisher lives.
+/**
+ * @brief Opens the publisher of a topic.
+ *
+ * Creates the topic, or takes it over from a publisher that died: with the same geometry and
+ * content it continues at the same sequence number, unnoticed by subscribers; otherwise it
+ * replaces the topic.
+ *
+ * @param topic 1 to 200 characters of A-Z a-z 0-9 _ . -
+ * @param options NULL for CONDUIT_RING_PUBLISHER_OPTIONS_INIT.
+ * @param[out] publisher The handle; NULL after an error.
+ * @return 0, -EBUSY while another publisher is alive, or another error.
  */
 int conduit_ring_publisher_open(const char *topic, const conduit_ring_publisher_options *options,
                                 conduit_ring_publisher **publisher);
 
-/*
- * Publishes a message. Waits for no subscriber, and makes no system call unless one sleeps. `sequence`, which may be
- * NULL, gets its number; they count from 0. -EMSGSIZE when it does not fit,
- * -EBUSY when subscribers hold all slots: then the message is dropped, and the next one gets its number. A slot that is
- * held among others is passed over, and its number with it: other subscribers count that as lost.
+/**
+ * @brief Publishes a message.
+ *
+ * Never waits for a subscriber, and makes no system call unless a subscriber sleeps.
+ *
+ * @param data The message; may be NULL if `size_bytes` is 0.
+ * @param size_bytes The size of the message.
+ * @param[out] sequence The message's sequence number, from 0; may be NULL.
+ * @return 0; -EMSGSIZE when the message does not fit into a slot; -EBUSY when subscribers hold
+ * all slots. In both cases the message is dropped and the next one gets its number. If
+ * subscribers hold only the next slots, the publisher skips these with their numbers, which other
+ * subscribers count as lost.
  */
-int conduit_ring_publisher_publish(conduit_ring_publisher *publisher, const void *data, size_t size_bytes,
-                                   uint64_t *sequence);
+int conduit_ring_publisher_publish(conduit_ring_publisher *publisher, const void *data,
+                                   size_t size_bytes, uint64_t *sequence);
 
-/* Publishes the parts as one message, each copied straight into the slot. */
-int conduit_ring_publisher_publish_parts(conduit_ring_publisher *publisher, const conduit_ring_part *parts,
-                                         size_t part_count, uint64_t *sequence);
-
-/*
- * Lends the next slot, for a message of up to `size_bytes` bytes that is written to *data piece by piece, without a copy
- * of it elsewhere. Nothing is published before conduit_ring_publisher_commit(). *data may be written, and is of any
- * alignment, until the loan is committed or cancelled or the publisher closed; it has the bytes of older messages. The
- * oldest message of the ring is lost from here on. Errors as of publishing; *data is NULL then. One loan at a time, and
- * nothing else is published meanwhile: -EALREADY.
+/**
+ * @brief Publishes parts as one message. Each part is copied directly into the slot.
+ *
+ * Otherwise as conduit_ring_publisher_publish().
  */
-int conduit_ring_publisher_loan(conduit_ring_publisher *publisher, size_t size_bytes, void **data);
+int conduit_ring_publisher_publish_parts(conduit_ring_publisher *publisher,
+                                         const conduit_ring_part *parts, size_t part_count,
+                                         uint64_t *sequence);
 
-/* Publishes the first `size_bytes` bytes of the loan. -EINVAL when it has fewer (and is still out), or there is none. */
-int conduit_ring_publisher_commit(conduit_ring_publisher *publisher, size_t size_bytes, uint64_t *sequence);
+/**
+ * @brief Lends the next slot, so that a message can be written in place without another copy.
+ *
+ * conduit_ring_publisher_commit() publishes the message. Until then nothing is published. The
+ * memory may be written until the loan is committed or cancelled or the publisher closed. It has
+ * no particular alignment and contains bytes of older messages. The ring's oldest message is lost
+ * from this call on.
+ *
+ * @param size_bytes The largest size of the message.
+ * @param[out] data The memory to write to; NULL after an error.
+ * @return 0, -EALREADY while a loan is outstanding, or an error of publishing. During a loan,
+ * publishing fails with -EALREADY too.
+ */
+int conduit_ring_publisher_loan(conduit_ring_publisher *publisher, size_t size_bytes,
+                                void **data);
 
-/*
- * Looks now whether the topic's name leads to this publisher's file, and makes that anew if not. Publishing looks by itself,
- * and so does the publisher's thread; this is for who wants no thread (CONDUIT_RING_NO_THREAD) and has a loop of its own,
- * to call a few times a second. -ESTALE: as of publishing. -EALREADY while a loan is out.
+/**
+ * @brief Publishes the first `size_bytes` bytes of the loan.
+ * @return 0; -EINVAL without a loan, or when the loan is smaller, in which case it stays
+ * outstanding.
+ */
+int conduit_ring_publisher_commit(conduit_ring_publisher *publisher, size_t size_bytes,
+                                  uint64_t *sequence);
+
+/**
+ * @brief Checks whether the topic's name still refers to this publisher's file, and creates the
+ * file again if not.
+ *
+ * Publishing checks it too, and so does the publisher's thread. This function is for programs
+ * with CONDUIT_RING_NO_THREAD and a loop of their own; call it a few times per second.
+ *
+ * @return 0, -ESTALE as publishing does, or -EALREADY while a loan is outstanding.
  */
 int conduit_ring_publisher_look_after(conduit_ring_publisher *publisher);
 
-/* Ends the loan, if there is one. Nothing was published, and the next message takes the same slot and number. */
+/**
+ * @brief Cancels the loan, if there is one. Nothing is published; the next message gets the same
+ * slot and number.
+ */
 int conduit_ring_publisher_cancel(conduit_ring_publisher *publisher);
 
-/*
- * Ends the topic: subscribers read what is left and then learn that the publisher is gone. The handle stays, as does the
- * memory of a loan that is out, until the handle is closed; whatever else is asked of it answers -ESHUTDOWN.
+/**
+ * @brief Ends the topic: subscribers read the remaining messages and are then notified.
+ *
+ * The handle and the memory of an outstanding loan stay valid until the handle is closed. Every
+ * other function returns -ESHUTDOWN for the handle.
  */
 int conduit_ring_publisher_end(conduit_ring_publisher *publisher);
 
-/* Ends the topic and frees the handle. A loan that is out must not be used any more. NULL is fine. */
+/**
+ * @brief Ends the topic and frees the handle. Invalidates an outstanding loan. Accepts NULL.
+ */
 int conduit_ring_publisher_close(conduit_ring_publisher *publisher);
 
-/* Lets go of the topic as a death would: it stays, and the next publisher goes on with it. NULL is fine. */
+/**
+ * @brief Frees the handle and leaves the topic as a crash would, so that the next publisher takes
+ * it over. Accepts NULL.
+ */
 int conduit_ring_publisher_abandon(conduit_ring_publisher *publisher);
 
-/* ---- Subscribing ---------------------------------------------------------------------------------------------- */
+/* ---- Subscribing --------------------------------------------------------------------------- */
 
+/** @brief A subscriber of a topic. */
 typedef struct conduit_ring_subscriber conduit_ring_subscriber;
 
-/* Which messages to begin with. A topic that does not exist yet is read from its first message. */
-#define CONDUIT_RING_START_NEW 0u     /* those published from now on */
-#define CONDUIT_RING_START_LATEST 1u  /* the newest one that is there, then new ones */
-#define CONDUIT_RING_START_HISTORY 2u /* the last `history` that are still there, then new ones */
+/** @brief `start`: messages published from now on. A topic that does not exist yet is always read
+ * from its first message. */
+#define CONDUIT_RING_START_NEW 0u
+/** @brief `start`: the newest message in the ring, then new ones. */
+#define CONDUIT_RING_START_LATEST 1u
+/** @brief `start`: the last `history` messages that are still in the ring, then new ones. */
+#define CONDUIT_RING_START_HISTORY 2u
 
-/* Which messages to get after falling behind. */
-#define CONDUIT_RING_POLICY_ALL 0u    /* every one that is still there, in order */
-#define CONDUIT_RING_POLICY_LATEST 1u /* only the newest; those skipped count as lost */
+/** @brief `policy`: after falling behind, all messages that are still in the ring, in order. */
+#define CONDUIT_RING_POLICY_ALL 0u
+/** @brief `policy`: after falling behind, only the newest message; skipped ones count as lost. */
+#define CONDUIT_RING_POLICY_LATEST 1u
 
-/*
- * Whether to read without touching memory that another process could take away: who may write a topic's file may shorten
- * it, and that is a SIGBUS for all who have it mapped. Guarded, it is -EPROTO. Costs a few system calls for each message;
- * leases are copies, and the subscriber does not show among the topic's readers.
+/**
+ * @brief `guard`: read guarded if the file belongs to another user.
+ *
+ * A user who may write a topic's file may also truncate it, which kills all processes that have
+ * it mapped (SIGBUS). A guarded subscriber does not map the file and gets -EPROTO instead. It
+ * needs a few system calls for each message, its leases are copies, and it does not appear among
+ * the topic's readers.
  */
-#define CONDUIT_RING_GUARD_AUTO 0u   /* when the file belongs to another user than this process's */
+#define CONDUIT_RING_GUARD_AUTO 0u
+/** @brief `guard`: always read guarded. */
 #define CONDUIT_RING_GUARD_ALWAYS 1u
-#define CONDUIT_RING_GUARD_NEVER 2u  /* all who may write the file are trusted */
+/** @brief `guard`: never read guarded; trust all users who may write the file. */
+#define CONDUIT_RING_GUARD_NEVER 2u
 
-/* Begin with CONDUIT_RING_SUBSCRIBER_OPTIONS_INIT and change what you need. */
+/**
+ * @brief The options of a subscriber. Start with CONDUIT_RING_SUBSCRIBER_OPTIONS_INIT and change
+ * fields as needed.
+ */
 typedef struct conduit_ring_subscriber_options {
-    uint32_t abi_version; /* CONDUIT_RING_ABI_VERSION */
-    uint32_t start;       /* CONDUIT_RING_START_... */
-    uint32_t history;     /* with CONDUIT_RING_START_HISTORY: how many */
-    uint32_t policy;      /* CONDUIT_RING_POLICY_... */
-    uint32_t guard;       /* CONDUIT_RING_GUARD_... */
+    uint32_t abi_version; /**< CONDUIT_RING_ABI_VERSION. */
+    uint32_t start;       /**< CONDUIT_RING_START_... */
+    uint32_t history;     /**< Number of messages for CONDUIT_RING_START_HISTORY. */
+    uint32_t policy;      /**< CONDUIT_RING_POLICY_... */
+    uint32_t guard;       /**< CONDUIT_RING_GUARD_... */
 } conduit_ring_subscriber_options;
 
+/** @brief The default options: all new messages. */
 #define CONDUIT_RING_SUBSCRIBER_OPTIONS_INIT \
-    { CONDUIT_RING_ABI_VERSION, CONDUIT_RING_START_NEW, 0u, CONDUIT_RING_POLICY_ALL, CONDUIT_RING_GUARD_AUTO }
+    { CONDUIT_RING_ABI_VERSION, CONDUIT_RING_START_NEW, 0u, CONDUIT_RING_POLICY_ALL, \
+      CONDUIT_RING_GUARD_AUTO }
 
-/* What a read gave. */
-#define CONDUIT_RING_EVENT_MESSAGE 1u        /* a message */
-#define CONDUIT_RING_EVENT_PUBLISHER_UP 2u   /* the topic has a publisher again, or for the first time */
-#define CONDUIT_RING_EVENT_PUBLISHER_DOWN 3u /* it died, closed the topic or was replaced; what it had published came before */
+/** @brief `event`: a message. */
+#define CONDUIT_RING_EVENT_MESSAGE 1u
+/** @brief `event`: the topic has a publisher, for the first time or again. */
+#define CONDUIT_RING_EVENT_PUBLISHER_UP 2u
+/** @brief `event`: the publisher died, closed the topic or was replaced. Its messages came before
+ * this event. */
+#define CONDUIT_RING_EVENT_PUBLISHER_DOWN 3u
 
-/* `timeout_ns`: no end. */
+/** @brief `timeout_ns`: no timeout. */
 #define CONDUIT_RING_FOREVER UINT64_MAX
 
-/* What a message says about itself. */
+/** @brief The metadata of a message. */
 typedef struct conduit_ring_meta {
-    uint64_t sequence;     /* its number */
-    uint64_t timestamp_ns; /* when it was published */
-    uint64_t lost;         /* messages lost between the one delivered before it and this one */
+    uint64_t sequence;     /**< The sequence number. */
+    uint64_t timestamp_ns; /**< The time of publication. */
+    uint64_t lost;         /**< Messages lost between the previous delivered one and this one. */
     size_t size_bytes;
 } conduit_ring_meta;
 
-/* What a subscriber has seen in its whole life. */
+/** @brief The counters of a subscriber since it was opened. */
 typedef struct conduit_ring_stats {
     uint64_t delivered;
     uint64_t lost;
-    uint64_t resyncs; /* times that the publisher's count was found behind the reader's */
+    uint64_t resyncs; /**< How often the publisher's count was behind the reader's. */
 } conduit_ring_stats;
 
-/* A buffer that grows to the messages read into it. Read into the same one again and again. */
+/** @brief A buffer that grows to the size of the messages read into it. Reuse it. */
 typedef struct conduit_ring_message conduit_ring_message;
 
+/** @brief Allocates a buffer. */
 int conduit_ring_message_new(conduit_ring_message **message);
+
+/** @brief Frees a buffer. Accepts NULL. */
 void conduit_ring_message_free(conduit_ring_message *message);
 
-/* The bytes, private to this process, until the next read into `message`. Not NULL unless `message` is. */
+/**
+ * @brief Returns the message's bytes, which are private to this process and valid until the next
+ * read into `message`. Returns NULL only if `message` is NULL.
+ */
 const void *conduit_ring_message_data(const conduit_ring_message *message);
 
-/* Zeros if the last read into it gave no message. */
+/** @brief Returns the message's metadata, or zeros if the last read returned no message. */
 conduit_ring_meta conduit_ring_message_meta(const conduit_ring_message *message);
 
-/*
- * Subscribes to a topic, which need not exist yet. `options` may be NULL: new messages, all of them. The subscriber
- * outlives publishers: it says when one goes or comes, and goes on by itself. *subscriber is NULL after an error.
+/**
+ * @brief Opens a subscriber of a topic, which need not exist yet.
+ *
+ * The subscriber outlives publishers: it reports when one stops or starts, and continues with the
+ * next one.
+ *
+ * @param options NULL for CONDUIT_RING_SUBSCRIBER_OPTIONS_INIT.
+ * @param[out] subscriber The handle; NULL after an error.
+ * @return 0 or an error.
  */
-int conduit_ring_subscriber_open(const char *topic, const conduit_ring_subscriber_options *options,
+int conduit_ring_subscriber_open(const char *topic,
+                                 const conduit_ring_subscriber_options *options,
                                  conduit_ring_subscriber **subscriber);
 
-/* Takes what comes next, without waiting. 0: *event says what. -EAGAIN: nothing new. */
-int conduit_ring_subscriber_try_read(conduit_ring_subscriber *subscriber, conduit_ring_message *message,
-                                     uint32_t *event);
+/**
+ * @brief Reads the next event without waiting.
+ * @param[out] message The message, if the event is one.
+ * @param[out] event CONDUIT_RING_EVENT_...
+ * @return 0, or -EAGAIN without an event.
+ */
+int conduit_ring_subscriber_try_read(conduit_ring_subscriber *subscriber,
+                                     conduit_ring_message *message, uint32_t *event);
 
-/* The same, into `capacity_bytes` bytes of the caller's. -ENOBUFS: *meta says how many are needed; nothing is lost. */
-int conduit_ring_subscriber_try_read_into(conduit_ring_subscriber *subscriber, void *buffer, size_t capacity_bytes,
-                                          conduit_ring_meta *meta, uint32_t *event);
+/**
+ * @brief Reads the next event without waiting, into a buffer of the caller's.
+ * @return 0; -EAGAIN without an event; -ENOBUFS when the buffer is too small, in which case
+ * meta->size_bytes is the size that is needed and the message is kept for the next read.
+ */
+int conduit_ring_subscriber_try_read_into(conduit_ring_subscriber *subscriber, void *buffer,
+                                          size_t capacity_bytes, conduit_ring_meta *meta,
+                                          uint32_t *event);
 
-/* Takes what comes next, and waits for it. -ETIMEDOUT, -ECANCELED. */
-int conduit_ring_subscriber_read(conduit_ring_subscriber *subscriber, conduit_ring_message *message,
-                                 uint64_t timeout_ns, uint32_t *event);
+/**
+ * @brief Waits for the next event and reads it.
+ * @return 0, -ETIMEDOUT or -ECANCELED.
+ */
+int conduit_ring_subscriber_read(conduit_ring_subscriber *subscriber,
+                                 conduit_ring_message *message, uint64_t timeout_ns,
+                                 uint32_t *event);
 
-/*
- * A message that stays where it lies, in its slot of the ring, until the lease is released: for large ones. The publisher
- * leaves the slot alone meanwhile. It does not wait: when it has gone round the ring and comes to this slot, it drops its
- * new messages. So release it within slot_count - 1 periods of the topic. Dead holders hold nothing.
+/**
+ * @brief A message that is read in its slot of the ring, without a copy, until the lease is
+ * released. For large messages.
+ *
+ * The publisher skips the slot meanwhile; it does not wait. If leases hold all slots, it drops
+ * its new messages. So release a lease within slot_count - 1 periods of the topic. The leases of
+ * a process that dies end with it.
  */
 typedef struct conduit_ring_lease conduit_ring_lease;
 
-/*
- * Takes what comes next without copying it, and waits for it; a `timeout_ns` of 0 only looks. *lease is NULL unless
- * *event is CONDUIT_RING_EVENT_MESSAGE. At most three leases of a subscriber are held at once: -EMFILE. -ETIMEDOUT,
- * -ECANCELED.
+/**
+ * @brief Waits for the next event and, if it is a message, leases it.
  *
- * A lease may outlive its subscriber and may be used and released by any thread. Where no publisher would respect a hold
- * (a legacy one, a guarded topic, a message that is about to be overwritten) it is a copy and does not count.
+ * A lease may outlive its subscriber, and any thread may use and release it. If the publisher
+ * would not respect a lease (a legacy publisher, a guarded topic, a message that is about to be
+ * overwritten), the lease is a copy and does not count.
+ *
+ * @param timeout_ns 0 returns at once.
+ * @param[out] lease NULL unless *event is CONDUIT_RING_EVENT_MESSAGE.
+ * @return 0, -EMFILE when the subscriber holds three leases, -ETIMEDOUT or -ECANCELED.
  */
-int conduit_ring_subscriber_lease(conduit_ring_subscriber *subscriber, uint64_t timeout_ns, conduit_ring_lease **lease,
-                                  uint32_t *event);
+int conduit_ring_subscriber_lease(conduit_ring_subscriber *subscriber, uint64_t timeout_ns,
+                                  conduit_ring_lease **lease, uint32_t *event);
 
-/* The bytes, of any alignment, for reading only, until the lease is released. NULL only if `lease` is. */
+/**
+ * @brief Returns the message's bytes, read-only and without a particular alignment, valid until
+ * the lease is released. Returns NULL only if `lease` is NULL.
+ */
 const void *conduit_ring_lease_data(const conduit_ring_lease *lease);
+
+/** @brief Returns the message's metadata. */
 conduit_ring_meta conduit_ring_lease_meta(const conduit_ring_lease *lease);
 
-/* Whether the publisher leaves a slot alone for it; if not, it is a copy. */
+/** @brief Returns whether the lease holds a slot of the ring. If not, it is a copy. */
 bool conduit_ring_lease_holds_slot(const conduit_ring_lease *lease);
 
-/* NULL is fine. */
+/** @brief Releases a lease. Accepts NULL. */
 void conduit_ring_lease_release(conduit_ring_lease *lease);
 
-/* Sleeps until there is something to read. -ETIMEDOUT, -ECANCELED. */
+/**
+ * @brief Waits until an event can be read.
+ * @return 0, -ETIMEDOUT or -ECANCELED.
+ */
 int conduit_ring_subscriber_wait(conduit_ring_subscriber *subscriber, uint64_t timeout_ns);
 
-/* Sleeps until the topic exists, whether or not anything was published yet. -ETIMEDOUT, -ECANCELED. */
+/**
+ * @brief Waits until the topic exists, with or without messages.
+ * @return 0, -ETIMEDOUT or -ECANCELED.
+ */
 int conduit_ring_subscriber_await_topic(conduit_ring_subscriber *subscriber, uint64_t timeout_ns);
 
+/** @brief Changes the policy. */
 int conduit_ring_subscriber_set_policy(conduit_ring_subscriber *subscriber, uint32_t policy);
 
-/* Whether the topic had a live publisher when last looked at. */
+/** @brief Sets `up` to whether the topic had a live publisher at the last read or wait. */
 int conduit_ring_subscriber_publisher_up(conduit_ring_subscriber *subscriber, bool *up);
 
-/* Of the topic as it is now. -ENOENT while there is none. */
-int conduit_ring_subscriber_geometry(conduit_ring_subscriber *subscriber, conduit_ring_geometry *geometry);
-int conduit_ring_subscriber_content_tag(conduit_ring_subscriber *subscriber, uint64_t *content_tag);
+/**
+ * @brief Sets `geometry` to that of the current topic.
+ * @return 0, or -ENOENT without a topic.
+ */
+int conduit_ring_subscriber_geometry(conduit_ring_subscriber *subscriber,
+                                     conduit_ring_geometry *geometry);
 
+/**
+ * @brief Sets `content_tag` to that of the current topic.
+ * @return 0, or -ENOENT without a topic.
+ */
+int conduit_ring_subscriber_content_tag(conduit_ring_subscriber *subscriber,
+                                        uint64_t *content_tag);
+
+/** @brief Sets `stats` to the subscriber's counters. */
 int conduit_ring_subscriber_stats(conduit_ring_subscriber *subscriber, conduit_ring_stats *stats);
 
-/* Frees the reader slot and the subscriber. Its wakers stay valid. NULL is fine. */
+/**
+ * @brief Frees the reader slot and the subscriber. Its wakers and leases stay valid. Accepts
+ * NULL.
+ */
 int conduit_ring_subscriber_close(conduit_ring_subscriber *subscriber);
 
-/*
- * A handle with which other threads end the subscriber's current wait or read, or its next one, with -ECANCELED. Any
- * number of wake-ups before it looks are one.
+/**
+ * @brief A handle with which other threads end the subscriber's current wait or read, or the next
+ * one, with -ECANCELED. Several wake-ups before that count as one.
  */
 typedef struct conduit_ring_waker conduit_ring_waker;
 
-int conduit_ring_subscriber_waker(conduit_ring_subscriber *subscriber, conduit_ring_waker **waker);
+/** @brief Creates a waker. */
+int conduit_ring_subscriber_waker(conduit_ring_subscriber *subscriber,
+                                  conduit_ring_waker **waker);
+
+/** @brief Ends the current wait or read, or the next one. */
 int conduit_ring_waker_wake(const conduit_ring_waker *waker);
+
+/** @brief Frees a waker. Accepts NULL. */
 void conduit_ring_waker_free(conduit_ring_waker *waker);
 
-/* ---- Looking at a topic --------------------------------------------------------------------------------------- */
+/* ---- Inspecting a topic -------------------------------------------------------------------- */
 
-#define CONDUIT_RING_STATE_UNKNOWN 0u /* it says something that it should not */
-#define CONDUIT_RING_STATE_LIVE 1u    /* its publisher lives */
-#define CONDUIT_RING_STATE_CLOSED 2u  /* its publisher closed it */
-#define CONDUIT_RING_STATE_RETIRED 3u /* it was replaced by one of another geometry */
-#define CONDUIT_RING_STATE_DEAD 4u    /* its publisher died; the next one takes over */
-#define CONDUIT_RING_STATE_LEGACY 5u  /* made by a publisher without the extension, of whose life nothing is known */
+/** @brief `state`: the file contains an unknown state. */
+#define CONDUIT_RING_STATE_UNKNOWN 0u
+/** @brief `state`: the publisher is alive. */
+#define CONDUIT_RING_STATE_LIVE 1u
+/** @brief `state`: the publisher has closed the topic. */
+#define CONDUIT_RING_STATE_CLOSED 2u
+/** @brief `state`: a topic of another geometry has replaced this one. */
+#define CONDUIT_RING_STATE_RETIRED 3u
+/** @brief `state`: the publisher died; the next one takes over. */
+#define CONDUIT_RING_STATE_DEAD 4u
+/** @brief `state`: from a publisher without the extension, which may be alive or dead. */
+#define CONDUIT_RING_STATE_LEGACY 5u
 
+/** @brief The number of reader slots. */
 #define CONDUIT_RING_READERS 16u
 
-/* A claimed reader slot. */
+/** @brief A claimed reader slot. */
 typedef struct conduit_ring_reader {
-    uint32_t index;  /* number of the slot */
+    uint32_t index;  /**< The slot's index. */
     uint32_t pid;
-    bool is_native;  /* speaks the extension; if not, only index and next_sequence mean something */
-    bool is_alive;   /* a native reader that is not leaked its slot */
-    bool is_waiting; /* sleeps */
+    bool is_native;  /**< Uses the extension. If not, only index and next_sequence are valid. */
+    bool is_alive;   /**< A native reader that is alive. A dead one has leaked its slot. */
+    bool is_waiting; /**< Sleeps until a message arrives. */
     uint64_t next_sequence;
     uint64_t lost;
 } conduit_ring_reader;
 
-/* What there is to know about a topic, at one moment. */
+/** @brief The state of a topic at one time. */
 typedef struct conduit_ring_info {
     conduit_ring_geometry geometry;
     uint32_t max_message_size_bytes;
-    uint32_t state;             /* CONDUIT_RING_STATE_... */
-    uint32_t epoch;             /* takeovers so far */
+    uint32_t state;             /**< CONDUIT_RING_STATE_... */
+    uint32_t epoch;             /**< Number of takeovers. */
     uint32_t writer_pid;
-    uint64_t published;         /* messages so far, which is the next sequence number */
-    uint64_t content_tag;       /* conduit_ring_content_tag() of the encoding's name, 0 for raw bytes */
-    uint64_t instance_id;       /* random number of this very file; 0 if it has no extension */
-    uint64_t last_publish_ns;   /* 0 before the first message */
-    int64_t realtime_offset_ns; /* what to add to a time stamp to get wall time, as of the publisher's start */
-    uint64_t dropped_pinned;    /* numbers passed over, and messages dropped, since readers held slots */
+    uint64_t published;         /**< Number of messages, which is the next sequence number. */
+    uint64_t content_tag;       /**< Hash of the encoding's name; 0 for raw bytes. */
+    uint64_t instance_id;       /**< Random number of this file; 0 without the extension. */
+    uint64_t last_publish_ns;   /**< 0 before the first message. */
+    int64_t realtime_offset_ns; /**< Difference to wall time at the publisher's start. */
+    uint64_t dropped_pinned;    /**< Skipped numbers and dropped messages due to held slots. */
     uint64_t rejected_oversize;
-    uint64_t wake_count;        /* times that sleepers were called */
-    uint32_t reader_count;      /* how many of `readers` are filled */
+    uint64_t wake_count;        /**< How often the publisher woke sleeping readers. */
+    uint32_t reader_count;      /**< Number of valid entries in `readers`. */
     conduit_ring_reader readers[CONDUIT_RING_READERS];
 } conduit_ring_info;
 
-/* From outside: nothing is written and no reader slot taken. -ENOENT, -EPROTO. */
+/**
+ * @brief Reads the state of a topic from outside: writes nothing and takes no reader slot.
+ * @return 0, -ENOENT or -EPROTO.
+ */
 int conduit_ring_topic_info(const char *topic, conduit_ring_info *info);
 
-/* The same of one's own topic. */
+/** @brief Reads the state of the publisher's own topic. */
 int conduit_ring_publisher_info(conduit_ring_publisher *publisher, conduit_ring_info *info);
 
-/* The tag of an encoding's name: FNV-1a, 64 bits. 0 for NULL and for what is not UTF-8. */
+/**
+ * @brief Returns the tag of an encoding's name: its 64-bit FNV-1a hash, or 0 for NULL and for
+ * text that is not UTF-8.
+ */
 uint64_t conduit_ring_content_tag(const char *content);
 
 #ifdef __cplusplus

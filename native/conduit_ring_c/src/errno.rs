@@ -1,4 +1,4 @@
-//! Numbers of errors, as C's errno.h has them on Linux; a test holds that it does.
+//! Error numbers of C's errno.h on Linux. A test compares them with the header.
 
 use std::ffi::c_int;
 
@@ -22,4 +22,4 @@ pub(crate) const ETIMEDOUT: c_int = 110;
 pub(crate) const EUSERS: c_int = 87;
 
 #[cfg(any(target_arch = "mips", target_arch = "mips64", target_arch = "sparc64"))]
-compile_error!("errno.h has other numbers here");
+compile_error!("expected the error numbers of most Linux targets; errno.h has other ones here");

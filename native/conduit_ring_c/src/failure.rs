@@ -1,4 +1,4 @@
-//! Errors as C gets them: a negative errno, and a sentence kept for the thread.
+//! Errors for C: a negative errno, and a message that is kept for the thread.
 
 use std::any::Any;
 use std::cell::RefCell;
@@ -10,15 +10,15 @@ use conduit_ring::{Error, PublishError};
 use crate::errno;
 
 thread_local! {
-    static LAST: RefCell<CString> = RefCell::default();
+    static LAST_ERROR: RefCell<CString> = RefCell::default();
 }
 
-/// Why a call failed.
+/// The failure of a call.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Failure {
     errno: c_int,
-    /// None where the errno says it all and happens all the time: nothing there, time is up, woken.
-    sentence: Option<String>,
+    /// `None` for frequent outcomes whose errno says everything: no event, timeout, woken.
+    message: Option<String>,
 }
 
 impl Failure {
@@ -29,27 +29,27 @@ impl Failure {
     const fn plain(errno: c_int) -> Failure {
         Failure {
             errno,
-            sentence: None,
+            message: None,
         }
     }
 
-    pub(crate) fn new(errno: c_int, sentence: impl Into<String>) -> Failure {
+    pub(crate) fn new(errno: c_int, message: impl Into<String>) -> Failure {
         Failure {
             errno,
-            sentence: Some(sentence.into()),
+            message: Some(message.into()),
         }
     }
 
-    /// The caller's mistake.
-    pub(crate) fn invalid(sentence: impl Into<String>) -> Failure {
-        Failure::new(errno::EINVAL, sentence)
+    /// A mistake of the caller.
+    pub(crate) fn invalid(message: impl Into<String>) -> Failure {
+        Failure::new(errno::EINVAL, message)
     }
 
-    /// A call that panicked before left the handle as nobody knows.
-    pub(crate) fn broken(what: &str) -> Failure {
+    /// A handle in an unknown state, because an earlier call panicked.
+    pub(crate) fn broken(handle: &str) -> Failure {
         Failure::new(
             errno::ENOTRECOVERABLE,
-            format!("the {what} failed inside an earlier call; close it"),
+            format!("{handle} failed inside an earlier call; close it"),
         )
     }
 
@@ -61,15 +61,16 @@ impl Failure {
             .unwrap_or("no reason given");
         Failure::new(
             errno::ENOTRECOVERABLE,
-            format!("a fault inside conduit_ring: {text}"),
+            format!("fault inside conduit_ring: {text}"),
         )
     }
 
-    fn remember(self) -> c_int {
-        if let Some(sentence) = self.sentence {
-            let text = CString::new(sentence.replace('\0', "\u{FFFD}")).unwrap_or_default();
-            // A thread that is ending has nobody left to ask.
-            let _ = LAST.try_with(|last| last.replace(text));
+    /// Keeps the message for the thread and returns the negative errno.
+    fn store(self) -> c_int {
+        if let Some(message) = self.message {
+            let text = CString::new(message.replace('\0', "\u{FFFD}")).unwrap_or_default();
+            // Fails in a thread that is ending, which cannot read the message any more.
+            let _ = LAST_ERROR.try_with(|last| last.replace(text));
         }
         -self.errno
     }
@@ -105,24 +106,25 @@ impl From<PublishError> for Failure {
     }
 }
 
-/// Runs the body of a function that C calls: no panic leaves it.
+/// Runs the body of a function that C calls, and turns its result into a status. Catches panics.
 #[inline]
-pub(crate) fn answer(body: impl FnOnce() -> Result<(), Failure>) -> c_int {
+pub(crate) fn status(body: impl FnOnce() -> Result<(), Failure>) -> c_int {
     match catch_unwind(AssertUnwindSafe(body)) {
         Ok(Ok(())) => 0,
-        Ok(Err(failure)) => failure.remember(),
-        Err(payload) => Failure::panicked(&*payload).remember(),
+        Ok(Err(failure)) => failure.store(),
+        Err(payload) => Failure::panicked(&*payload).store(),
     }
 }
 
-/// As [`answer`], for functions that cannot fail.
-pub(crate) fn quietly<T>(otherwise: T, body: impl FnOnce() -> T) -> T {
+/// Runs the body of a function that cannot fail. Returns `otherwise` after a panic.
+pub(crate) fn infallible<T>(otherwise: T, body: impl FnOnce() -> T) -> T {
     catch_unwind(AssertUnwindSafe(body)).unwrap_or(otherwise)
 }
 
 #[unsafe(no_mangle)]
 extern "C" fn conduit_ring_last_error() -> *const c_char {
-    LAST.try_with(|last| last.borrow().as_ptr())
+    LAST_ERROR
+        .try_with(|last| last.borrow().as_ptr())
         .unwrap_or(c"".as_ptr())
 }
 
@@ -133,24 +135,24 @@ mod tests {
     use super::*;
 
     fn last() -> String {
-        // SAFETY: the sentence of this thread, which nothing replaces meanwhile.
+        // SAFETY: the message of this thread, which nothing replaces meanwhile.
         let text = unsafe { CStr::from_ptr(conduit_ring_last_error()) };
         text.to_str().unwrap().to_owned()
     }
 
     #[test]
     fn a_panic_becomes_an_error_with_its_text() {
-        assert_eq!(answer(|| panic!("at the disco")), -errno::ENOTRECOVERABLE);
-        assert_eq!(last(), "a fault inside conduit_ring: at the disco");
-        assert_eq!(quietly(7, || panic!("again")), 7);
+        assert_eq!(status(|| panic!("at the disco")), -errno::ENOTRECOVERABLE);
+        assert_eq!(last(), "fault inside conduit_ring: at the disco");
+        assert_eq!(infallible(7, || panic!("again")), 7);
     }
 
     #[test]
-    fn the_sentence_stays_until_the_next_failure_of_the_same_thread() {
-        assert_eq!(answer(|| Err(Failure::invalid("a\0b"))), -errno::EINVAL);
+    fn the_message_stays_until_the_next_failure_of_the_same_thread() {
+        assert_eq!(status(|| Err(Failure::invalid("a\0b"))), -errno::EINVAL);
         assert_eq!(last(), "a\u{FFFD}b");
-        assert_eq!(answer(|| Ok(())), 0);
-        assert_eq!(answer(|| Err(Failure::NOTHING)), -errno::EAGAIN);
+        assert_eq!(status(|| Ok(())), 0);
+        assert_eq!(status(|| Err(Failure::NOTHING)), -errno::EAGAIN);
         assert_eq!(last(), "a\u{FFFD}b");
         assert_eq!(std::thread::spawn(last).join().unwrap(), "");
     }

@@ -1,13 +1,13 @@
-//! Number and length of slots.
+//! Number and size of slots.
 
 use std::ffi::c_int;
 
 use conduit_ring::Geometry;
 
-use crate::failure::{Failure, answer};
+use crate::failure::{Failure, status};
 use crate::pointer::Out;
 
-/// What a slot holds besides a message.
+/// The size of a slot's header.
 pub const CONDUIT_RING_SLOT_HEADER_BYTES: u32 = 20;
 
 const _: () = {
@@ -15,13 +15,13 @@ const _: () = {
     assert!(shortest == CONDUIT_RING_SLOT_HEADER_BYTES + 1);
 };
 
-/// Number and length of a ring's slots.
+/// Number and size of a ring's slots.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct conduit_ring_geometry {
     /// A power of two.
     pub slot_count: u32,
-    /// With the slot's 20-byte header.
+    /// Includes the slot's header.
     pub slot_size_bytes: u32,
 }
 
@@ -42,9 +42,9 @@ impl TryFrom<conduit_ring_geometry> for Geometry {
     }
 }
 
-fn make(out: *mut conduit_ring_geometry, geometry: Result<Geometry, conduit_ring::Error>) -> c_int {
-    answer(|| {
-        // SAFETY: null or writable, by the header.
+fn put(out: *mut conduit_ring_geometry, geometry: Result<Geometry, conduit_ring::Error>) -> c_int {
+    status(|| {
+        // SAFETY: null or writable, as the header demands.
         let out = unsafe { Out::new(out, "geometry") }?;
         let geometry = geometry.map_err(Failure::from)?;
         out.put(conduit_ring_geometry {
@@ -61,7 +61,7 @@ unsafe extern "C" fn conduit_ring_geometry_slots(
     slot_size_bytes: u32,
     geometry: *mut conduit_ring_geometry,
 ) -> c_int {
-    make(geometry, Geometry::slots(slot_count, slot_size_bytes))
+    put(geometry, Geometry::slots(slot_count, slot_size_bytes))
 }
 
 #[unsafe(no_mangle)]
@@ -70,5 +70,5 @@ unsafe extern "C" fn conduit_ring_geometry_depth(
     max_message_size_bytes: u32,
     geometry: *mut conduit_ring_geometry,
 ) -> c_int {
-    make(geometry, Geometry::depth(depth, max_message_size_bytes))
+    put(geometry, Geometry::depth(depth, max_message_size_bytes))
 }

@@ -1,80 +1,80 @@
-//! What there is to know about a topic.
+//! The state of a topic.
 
 use std::ffi::{c_char, c_int};
 
 use conduit_ring::{ContentTag, Info, Reader, State, Topic};
 
-use crate::failure::{Failure, answer};
+use crate::failure::{Failure, status};
 use crate::geometry::conduit_ring_geometry;
 use crate::pointer::{self, Out};
 
-/// Reader slots of a topic.
+/// The number of reader slots.
 pub const CONDUIT_RING_READERS: u32 = 16;
 
-/// Values of `state`.
+/// `state`: the file contains an unknown state.
 pub const CONDUIT_RING_STATE_UNKNOWN: u32 = 0;
-/// See the header.
+/// `state`: the publisher is alive.
 pub const CONDUIT_RING_STATE_LIVE: u32 = 1;
-/// See the header.
+/// `state`: the publisher has closed the topic.
 pub const CONDUIT_RING_STATE_CLOSED: u32 = 2;
-/// See the header.
+/// `state`: a topic of another geometry has replaced this one.
 pub const CONDUIT_RING_STATE_RETIRED: u32 = 3;
-/// See the header.
+/// `state`: the publisher died; the next one takes over.
 pub const CONDUIT_RING_STATE_DEAD: u32 = 4;
-/// See the header.
+/// `state`: from a publisher without the extension, which may be alive or dead.
 pub const CONDUIT_RING_STATE_LEGACY: u32 = 5;
 
 /// A claimed reader slot.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default)]
 pub struct conduit_ring_reader {
-    /// Number of the slot.
+    /// The slot's index.
     pub index: u32,
-    /// Its process.
+    /// The reader's process.
     pub pid: u32,
-    /// Whether it speaks the extension.
+    /// Whether it uses the extension.
     pub is_native: bool,
-    /// Whether it lives.
+    /// Whether it is a native reader that is alive.
     pub is_alive: bool,
-    /// Whether it sleeps.
+    /// Whether it sleeps until a message arrives.
     pub is_waiting: bool,
-    /// What it reads next.
+    /// The next sequence number that it reads.
     pub next_sequence: u64,
-    /// What it has lost.
+    /// The number of messages that it lost.
     pub lost: u64,
 }
 
-/// What there is to know about a topic, at one moment.
+/// The state of a topic at one time.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct conduit_ring_info {
-    /// Number and length of its slots.
+    /// Number and size of the slots.
     pub geometry: conduit_ring_geometry,
-    /// The longest message that fits.
+    /// The longest message that fits into a slot.
     pub max_message_size_bytes: u32,
-    /// How it stands.
+    /// One of the `CONDUIT_RING_STATE_` constants.
     pub state: u32,
-    /// Takeovers so far.
+    /// Number of takeovers.
     pub epoch: u32,
-    /// Process of the publisher.
+    /// The publisher's process.
     pub writer_pid: u32,
-    /// Messages published so far.
+    /// Number of published messages.
     pub published: u64,
     /// Hash of the encoding's name.
     pub content_tag: u64,
-    /// Random number of this very segment.
+    /// Random number of this file.
     pub instance_id: u64,
-    /// When the last message was published.
+    /// Time of the last message.
     pub last_publish_ns: u64,
-    /// What makes wall time of a time stamp.
+    /// Difference to wall time at the publisher's start.
     pub realtime_offset_ns: i64,
-    /// Messages dropped because a reader held the slot.
+    /// Skipped numbers and dropped messages due to held slots.
     pub dropped_pinned: u64,
-    /// Messages rejected because they were too large.
+    /// Messages that were too large.
     pub rejected_oversize: u64,
-    /// Times that sleepers were called.
+    /// How often the publisher woke sleeping readers.
     pub wake_count: u64,
-    /// How many of `readers` are filled.
+    /// Number of valid entries in `readers`.
     pub reader_count: u32,
     /// The claimed reader slots.
     pub readers: [conduit_ring_reader; 16],
@@ -135,10 +135,10 @@ unsafe extern "C" fn conduit_ring_topic_info(
     topic: *const c_char,
     info: *mut conduit_ring_info,
 ) -> c_int {
-    answer(|| {
-        // SAFETY: null or a text, by the header.
+    status(|| {
+        // SAFETY: null or a NUL-terminated text, as the header demands.
         let name = unsafe { pointer::text(topic, "topic") }?;
-        // SAFETY: null or writable, by the header.
+        // SAFETY: null or writable, as the header demands.
         let out = unsafe { Out::new(info, "info") }?;
         let info = Topic::found(name).and_then(|topic| Info::read(&topic));
         out.put((&info.map_err(Failure::from)?).into());
@@ -148,18 +148,18 @@ unsafe extern "C" fn conduit_ring_topic_info(
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn conduit_ring_content_tag(content: *const c_char) -> u64 {
-    // SAFETY: null or a text, by the header.
+    // SAFETY: null or a NUL-terminated text, as the header demands.
     unsafe { tag(content) }.map_or(0, ContentTag::value)
 }
 
-/// The tag of an encoding's name; null is raw.
+/// Returns the tag of an encoding's name; null is raw.
 ///
 /// # Safety
-/// `content` is null or a text.
+/// `content` is null or points to a NUL-terminated text.
 pub(crate) unsafe fn tag(content: *const c_char) -> Result<ContentTag, Failure> {
     if content.is_null() {
         return Ok(ContentTag::RAW);
     }
-    // SAFETY: the caller's promise is the same.
+    // SAFETY: the caller guarantees the same.
     unsafe { pointer::text(content, "content") }.map(ContentTag::of)
 }

@@ -1,24 +1,24 @@
-//! A message taken out of a ring, in a buffer that grows.
+//! A message that was copied out of a ring, in a buffer that grows.
 
 use std::ffi::c_void;
 use std::ptr;
 
 use conduit_ring::Meta;
 
-use crate::failure::{answer, quietly};
+use crate::failure::{infallible, status};
 use crate::pointer::{self, Out};
 
-/// What a message says about itself.
+/// The metadata of a message.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct conduit_ring_meta {
-    /// Its number.
+    /// The sequence number.
     pub sequence: u64,
-    /// When it was published.
+    /// The time of publication.
     pub timestamp_ns: u64,
-    /// Messages lost just before it.
+    /// Messages lost just before this one.
     pub lost: u64,
-    /// Its length.
+    /// The size of the message.
     pub size_bytes: usize,
 }
 
@@ -33,7 +33,7 @@ impl From<Meta> for conduit_ring_meta {
     }
 }
 
-/// Opaque to C.
+/// The opaque handle of a buffer.
 #[derive(Default)]
 pub(crate) struct conduit_ring_message {
     pub(crate) buffer: Vec<u8>,
@@ -44,18 +44,18 @@ pub(crate) struct conduit_ring_message {
 unsafe extern "C" fn conduit_ring_message_new(
     message: *mut *mut conduit_ring_message,
 ) -> std::ffi::c_int {
-    answer(|| {
-        let make = || Ok(conduit_ring_message::default());
-        // SAFETY: null or writable, by the header.
-        unsafe { Out::handle(message, "message", make) }
+    status(|| {
+        let create = || Ok(conduit_ring_message::default());
+        // SAFETY: null or writable, as the header demands.
+        unsafe { Out::handle(message, "message", create) }
     })
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn conduit_ring_message_free(message: *mut conduit_ring_message) {
-    quietly((), || {
-        // SAFETY: null or made by conduit_ring_message_new, by the header.
-        drop(unsafe { pointer::give_back(message) });
+    infallible((), || {
+        // SAFETY: null or a message that was not freed, as the header demands.
+        drop(unsafe { pointer::take(message) });
     });
 }
 
@@ -63,7 +63,7 @@ unsafe extern "C" fn conduit_ring_message_free(message: *mut conduit_ring_messag
 unsafe extern "C" fn conduit_ring_message_data(
     message: *const conduit_ring_message,
 ) -> *const c_void {
-    // SAFETY: null or a message that is not being read into, by the header.
+    // SAFETY: null or a message that no thread reads into, as the header demands.
     let message = unsafe { message.as_ref() };
     message.map_or(ptr::null(), |message| message.buffer.as_ptr().cast())
 }
@@ -72,7 +72,7 @@ unsafe extern "C" fn conduit_ring_message_data(
 unsafe extern "C" fn conduit_ring_message_meta(
     message: *const conduit_ring_message,
 ) -> conduit_ring_meta {
-    // SAFETY: null or a message that is not being read into, by the header.
+    // SAFETY: null or a message that no thread reads into, as the header demands.
     let message = unsafe { message.as_ref() };
     message.map_or(conduit_ring_meta::default(), |message| message.meta)
 }

@@ -1,19 +1,21 @@
-//! Which header and which library this is.
+//! The versions of header and library.
 
 use std::ffi::c_char;
 
 use crate::failure::Failure;
 
-/// Changes with every change of the header that a compiled program would notice.
+/// The version of the ABI: changes with each change of the header that affects compiled programs.
 pub const CONDUIT_RING_ABI_VERSION: u32 = 2;
 
-/// What options say about the header that they were made with is looked at before anything else of them.
+/// Checks the version of the header that options were compiled with, before anything else of them
+/// is read.
 pub(crate) fn check(abi_version: u32, name: &str) -> Result<(), Failure> {
     if abi_version == CONDUIT_RING_ABI_VERSION {
         return Ok(());
     }
     Err(Failure::invalid(format!(
-        "{name} has abi_version {abi_version} and this library has {CONDUIT_RING_ABI_VERSION}; begin with the header's _INIT"
+        "expected {name} with abi_version {CONDUIT_RING_ABI_VERSION}, got: {abi_version}; \
+         start with the header's _INIT macro"
     )))
 }
 

@@ -1,8 +1,9 @@
-/// One-line messages on standard error: conduit::log::info("{} tags in frame {}", count, frame).
+/// @file
+/// Log lines on standard error: conduit::log::info("{} tags in frame {}", count, frame).
 ///
-/// Each line is written at once, so that lines of several threads do not mix. debug is off by default. set_level() sets
-/// the least level that is written; until it is called, the environment variable CONDUIT_LOG does: debug, info, warn, error
-/// or off. Nothing here throws.
+/// Each line is one write, so that lines of several threads do not mix. The level is info by
+/// default. The environment variable CONDUIT_LOG (debug, info, warn, error or off) sets another
+/// one, and set_level() takes precedence. No function throws.
 #pragma once
 
 #include <atomic>
@@ -25,11 +26,11 @@ namespace detail {
 
 inline Level level_of_environment() noexcept {
   const char* text = std::getenv("CONDUIT_LOG");
-  const std::string_view wish = text == nullptr ? "" : text;
-  if (wish == "debug") return Level::debug;
-  if (wish == "warn") return Level::warn;
-  if (wish == "error") return Level::error;
-  if (wish == "off") return Level::off;
+  const std::string_view level = text == nullptr ? "" : text;
+  if (level == "debug") return Level::debug;
+  if (level == "warn") return Level::warn;
+  if (level == "error") return Level::error;
+  if (level == "off") return Level::off;
   return Level::info;
 }
 
@@ -47,37 +48,43 @@ inline void write_line(std::string_view line) noexcept {
   }
 }
 
-/// A line whose text cannot be formatted is written all the same, with what is wrong with it.
+/// Writes a line. If the text cannot be formatted, writes the text and the reason.
 template <class... Args>
-void line(Level level, std::string_view name, std::string_view format, const Args&... args) noexcept {
+void line(Level level, std::string_view name, std::string_view format,
+          const Args&... args) noexcept {
   if (level < least_level().load(std::memory_order_relaxed)) return;
   try {
     std::string text(name);
     text += ": ";
     try {
       text += conduit::detail::format(format, args...);
-    } catch (const std::exception& refused) {
-      text += std::string(format) + " [not formatted: " + refused.what() + "]";
+    } catch (const std::exception& error) {
+      text += std::string(format) + " [not formatted: " + error.what() + "]";
     }
     text += '\n';
     write_line(text);
   } catch (...) {
-    write_line("error: a line could not be formatted\n");
+    write_line("error: could not format a log line\n");
   }
 }
 
 }  // namespace detail
 
-/// Writes the lines of this level and those above it from now on, in all threads.
-inline void set_level(Level level) noexcept { detail::least_level().store(level, std::memory_order_relaxed); }
+/// Sets the level for all threads: lines of this level and above are written.
+inline void set_level(Level level) noexcept {
+  detail::least_level().store(level, std::memory_order_relaxed);
+}
 
-/// The least level that is written.
+/// Returns the level.
 inline Level level() noexcept { return detail::least_level().load(std::memory_order_relaxed); }
 
-/// The text is that of std::format: `{}` stands for the next argument, `{:.3f}`, `{:08x}`, `{:^10}` say how, `{{` and `}}`
-/// are braces. An argument may be anything that has a formatter or can be written to a std::ostream. std::format itself
-/// formats where the library has it, else {fmt} where it is installed, else a part of it that is written here; what the
-/// one at hand cannot do is refused, with the text and the reason in the line.
+/// Writes a line of this level. The text has the syntax of std::format: `{}` is the next
+/// argument, `{:.3f}`, `{:08x}` and `{:^10}` specify its format, `{{` and `}}` are braces. An
+/// argument needs a formatter or an operator<< for std::ostream.
+///
+/// std::format formats the text if the standard library has it, otherwise {fmt} if it is
+/// installed, otherwise a subset in these headers. If the text cannot be formatted, the line
+/// contains the text and the reason.
 template <class... Args>
 void debug(std::string_view format, const Args&... args) noexcept {
   detail::line(Level::debug, "debug", format, args...);

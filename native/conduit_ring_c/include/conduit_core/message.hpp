@@ -1,4 +1,5 @@
-/// What a subscriber reads.
+/// @file
+/// The message that a subscriber reads.
 #pragma once
 
 #include <cstddef>
@@ -12,22 +13,23 @@ namespace detail {
 class Reader;
 }
 
-/// A message. Its bytes are the subscriber's copy: they stay what they were whatever the publisher does meanwhile, until
-/// that subscriber reads again. Copy what you want to keep longer.
+/// A message. Its bytes are the subscriber's own copy: they do not change, whatever the publisher
+/// does, until that subscriber reads again. Copy them to keep them longer.
 class Message {
 public:
+  /// The message's bytes.
   const void* data() const noexcept { return data_; }
 
-  /// In bytes.
+  /// The size in bytes.
   std::size_t size() const noexcept { return meta_.size_bytes; }
 
-  /// Messages of a topic count from 0.
+  /// The sequence number, which starts at 0 for each topic.
   std::uint64_t sequence() const noexcept { return meta_.sequence; }
 
-  /// When it was published, on CLOCK_MONOTONIC_RAW.
+  /// The time of publication by CLOCK_MONOTONIC_RAW.
   std::uint64_t timestamp_ns() const noexcept { return meta_.timestamp_ns; }
 
-  /// How many messages were lost just before it.
+  /// The number of messages that were lost just before this one.
   std::uint64_t lost() const noexcept { return meta_.lost; }
 
 private:

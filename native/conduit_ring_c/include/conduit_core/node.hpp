@@ -1,4 +1,6 @@
-/// A program that publishes, subscribes and ticks: subclass Node, wire it up in the constructor, call run().
+/// @file
+/// A program of publishers, subscriptions and loops. Derive from Node, set them up in the
+/// constructor, and call run().
 ///
 ///     class Talker : public conduit::Node {
 ///     public:
@@ -9,14 +11,15 @@
 ///     };
 ///     int main() { Talker().run(); }
 ///
-/// Threads. Each subscription and each loop has a thread of its own, which lives while run() does: callbacks of one node
-/// run at the same time, so what they share needs a lock (a Publisher has its own). One callback is never called twice
-/// at a time.
+/// Threads: each subscription and each loop has its own thread while run() runs. The callbacks of
+/// a node run at the same time, so the data that they share needs a lock (a Publisher has its
+/// own). A callback never runs twice at a time.
 ///
-/// Exceptions. What a callback throws is logged as an error, at most once a second for each callback, and the node goes
-/// on with the next message or tick. A callback that wants to end the program calls stop().
+/// Exceptions: the node logs an exception of a callback as an error, at most once per second for
+/// each callback, and continues with the next message or tick. A callback calls stop() to end the
+/// program.
 ///
-/// Several nodes in one process: run() each in a thread of its own. SIGINT or SIGTERM ends them all.
+/// Several nodes in a process: call run() of each in its own thread. SIGINT or SIGTERM ends all.
 #pragma once
 
 #include <atomic>
@@ -36,7 +39,7 @@
 
 #include <poll.h>
 
-#include "detail/complaints.hpp"
+#include "detail/error_log.hpp"
 #include "detail/reader.hpp"
 #include "detail/schedule.hpp"
 #include "detail/signals.hpp"
@@ -46,17 +49,18 @@
 
 namespace conduit {
 
+/// The base class of a program. See the description of this file.
 class Node {
 public:
-  /// So that a subclass in another namespace finds the name unqualified, beside advertise().
+  /// Lets a derived class in another namespace use the name unqualified, like advertise().
   using RingBufferConfig = ::conduit::RingBufferConfig;
 
   Node() = default;
   Node(const Node&) = delete;
   Node& operator=(const Node&) = delete;
 
-  /// Ends a run() that is still under way in another thread and waits for it. By then the subclass is gone: better stop()
-  /// and wait for run() to return before.
+  /// Ends a run() that is still running in another thread and waits for it. The derived class is
+  /// destroyed by then, so call stop() and wait for the end of run() before.
   virtual ~Node() {
     std::unique_lock<std::mutex> lock(mutex_);
     if (!running_) return;
@@ -64,39 +68,44 @@ public:
     changed_.wait(lock, [this] { return !running_; });
   }
 
-  /// As Publisher's constructors.
+  /// Creates a publisher, as the constructors of Publisher do.
   Publisher advertise(const std::string& topic) { return advertise(topic, RingBufferConfig{}); }
   Publisher advertise(const std::string& topic, const RingBufferConfig& config) {
-    // run() looks after it, without a thread.
+    // run() checks the topic's name, so the publisher needs no thread for it.
     Publisher publisher(topic, config, CONDUIT_RING_NO_THREAD);
     const std::lock_guard<std::mutex> guard(mutex_);
     advertised_.push_back(publisher.handle_.get_deleter().shared);
     return publisher;
   }
 
-  /// Calls `callback` with each message published from now on, once run() runs. The topic need not exist yet. Throws when
-  /// 16 others read it.
+  /// Calls `callback` with each message that is published from now on, while run() runs. The
+  /// topic need not exist yet. Throws when the topic has 16 other subscribers.
   template <class T>
   void subscribe(const std::string& topic, void (T::*callback)(const Message&)) {
-    subscribe(topic, [this, callback](const Message& message) { (self<T>().*callback)(message); });
+    subscribe(topic, [this, callback](const Message& message) {
+      (self<T>().*callback)(message);
+    });
   }
 
   template <class T>
   void subscribe(const std::string& topic, void (T::*callback)(const Message&) const) {
-    subscribe(topic, [this, callback](const Message& message) { (self<T>().*callback)(message); });
+    subscribe(topic, [this, callback](const Message& message) {
+      (self<T>().*callback)(message);
+    });
   }
 
-  template <class Callback, std::enable_if_t<std::is_invocable_v<Callback&, const Message&>, int> = 0>
+  template <class Callback,
+            std::enable_if_t<std::is_invocable_v<Callback&, const Message&>, int> = 0>
   void subscribe(const std::string& topic, Callback callback) {
     auto reader = std::make_shared<detail::Reader>(topic);
-    auto body = [this, reader, callback = std::function<void(const Message&)>(std::move(callback))] {
-      read(*reader, callback);
-    };
+    std::function<void(const Message&)> function(std::move(callback));
+    auto body = [this, reader, function = std::move(function)] { read(*reader, function); };
     add({std::move(body), [reader] { reader->wake(); }, {}});
   }
 
-  /// Calls `callback` `hz` times a second while run() runs, the first time at once. A tick that takes longer than its
-  /// period makes the next one late; ticks that were missed altogether are left out.
+  /// Calls `callback` `hz` times per second while run() runs, the first time at once. A tick that
+  /// takes longer than its period delays the next one; ticks missed by a whole period are
+  /// skipped.
   template <class T>
   void loop(double hz, void (T::*callback)()) {
     loop(hz, [this, callback] { (self<T>().*callback)(); });
@@ -110,12 +119,13 @@ public:
   template <class Callback, std::enable_if_t<std::is_invocable_v<Callback&>, int> = 0>
   void loop(double hz, Callback callback) {
     detail::Schedule::checked(hz);
-    auto body = [this, hz, callback = std::function<void()>(std::move(callback))] { tick(hz, callback); };
+    std::function<void()> function(std::move(callback));
+    auto body = [this, hz, function = std::move(function)] { tick(hz, function); };
     add({std::move(body), [] {}, {}});
   }
 
-  /// Calls the callbacks until SIGINT, SIGTERM or stop(), and returns when the last of them has returned. While it runs,
-  /// these signals have its handler.
+  /// Calls the callbacks until SIGINT, SIGTERM or stop(), and returns when the last callback has
+  /// returned. Handles these signals meanwhile.
   void run() {
     const detail::SignalWatch signals;
     begin();
@@ -123,13 +133,14 @@ public:
     start_all();
     pollfd ends[] = {{signals.descriptor(), POLLIN, 0}, {stop_.descriptor(), POLLIN, 0}};
     for (;;) {
-      const int ended = ::poll(ends, 2, looks_ms);
+      const int ended = ::poll(ends, 2, check_period_ms);
       if (ended > 0 || (ended < 0 && errno != EINTR)) return;
-      look_after_topics();
+      check_topics();
     }
   }
 
-  /// Ends run(), or the next one if none runs. For any thread and any callback; does not wait.
+  /// Ends run(), or the next one if none runs. Any thread and any callback may call it. Does not
+  /// wait.
   void stop() noexcept {
     stopping_.store(true);
     stop_.raise();
@@ -138,8 +149,11 @@ public:
 private:
   using Clock = detail::Schedule::Clock;
 
-  /// How often run() looks after the topics that were advertised.
-  static constexpr int looks_ms = 250;
+  /// The period at which run() checks the names of the advertised topics.
+  static constexpr int check_period_ms = 250;
+
+  /// The pause after an error of a subscription.
+  static constexpr std::chrono::milliseconds retry_pause{200};
 
   struct Worker {
     std::function<void()> body;
@@ -147,7 +161,7 @@ private:
     std::thread thread;
   };
 
-  /// Joins the threads however run() ends.
+  /// Joins the threads, even when run() throws.
   struct Finish {
     Node& node;
     ~Finish() { node.finish(); }
@@ -155,7 +169,7 @@ private:
 
   template <class T>
   T& self() {
-    static_assert(std::is_base_of_v<Node, T>, "the callback must be a member of the node");
+    static_assert(std::is_base_of_v<Node, T>, "expected a callback of the node's class");
     return static_cast<T&>(*this);
   }
 
@@ -167,7 +181,7 @@ private:
 
   void begin() {
     const std::lock_guard<std::mutex> guard(mutex_);
-    if (running_) throw std::logic_error("run() of this node is running already");
+    if (running_) throw std::logic_error("node is running already");
     running_ = true;
   }
 
@@ -185,7 +199,7 @@ private:
     std::unique_lock<std::mutex> lock(mutex_);
     changed_.notify_all();
     for (const auto& worker : workers_) worker->wake();
-    // A callback may still add workers, but they are not started any more.
+    // A callback may still add workers, which are not started any more.
     for (std::size_t i = 0; i < workers_.size(); ++i) {
       std::thread thread = std::move(workers_[i]->thread);
       if (!thread.joinable()) continue;
@@ -199,49 +213,62 @@ private:
     changed_.notify_all();
   }
 
-  /// Makes files of topics anew that somebody removed. Whoever publishes is told what goes wrong.
-  void look_after_topics() {
-    for (const auto& publisher : living_publishers()) conduit_ring_publisher_look_after(publisher.get());
+  /// Creates removed files of topics again. Publishing returns the error if that fails.
+  void check_topics() {
+    for (const auto& publisher : open_publishers()) {
+      conduit_ring_publisher_look_after(publisher.get());
+    }
   }
 
-  std::vector<std::shared_ptr<conduit_ring_publisher>> living_publishers() {
+  std::vector<std::shared_ptr<conduit_ring_publisher>> open_publishers() {
     const std::lock_guard<std::mutex> guard(mutex_);
-    std::vector<std::shared_ptr<conduit_ring_publisher>> living;
+    std::vector<std::shared_ptr<conduit_ring_publisher>> open;
     std::vector<std::weak_ptr<conduit_ring_publisher>> kept;
     for (const auto& advertised : advertised_) {
       if (auto publisher = advertised.lock()) {
         kept.push_back(advertised);
-        living.push_back(std::move(publisher));
+        open.push_back(std::move(publisher));
       }
     }
     advertised_ = std::move(kept);
-    return living;
+    return open;
   }
 
-  /// False when the node is to stop.
+  /// Waits until `deadline`. Returns false when the node stops.
   bool sleep_until(Clock::time_point deadline) {
     std::unique_lock<std::mutex> lock(mutex_);
     return !changed_.wait_until(lock, deadline, [this] { return stopping_.load(); });
   }
 
   void read(detail::Reader& reader, const std::function<void(const Message&)>& callback) {
-    detail::Complaints callback_complaints("callback of " + reader.topic());
-    detail::Complaints reader_complaints("subscription");
+    detail::ErrorLog callback_errors("callback of " + reader.topic());
+    detail::ErrorLog reader_errors("subscription");
     while (!stopping_.load()) {
       auto event = detail::Event::nothing;
-      const auto look = [&] { event = reader.read(std::chrono::nanoseconds::max()); };
-      if (!reader_complaints.logged(look) && !sleep_until(Clock::now() + std::chrono::milliseconds(200))) return;
-      if (event == detail::Event::message) callback_complaints.logged([&] { callback(reader.message()); });
-      if (event == detail::Event::publisher_down) log::warn("{}: no publisher any more; waiting for one", reader.topic());
-      if (event == detail::Event::publisher_up) log::info("{}: has a publisher", reader.topic());
+      const auto read = [&] { event = reader.read(std::chrono::nanoseconds::max()); };
+      if (!reader_errors.run(read) && !sleep_until(Clock::now() + retry_pause)) return;
+      handle(event, reader, callback, callback_errors);
+    }
+  }
+
+  static void handle(detail::Event event, const detail::Reader& reader,
+                     const std::function<void(const Message&)>& callback,
+                     detail::ErrorLog& errors) {
+    switch (event) {
+      case detail::Event::message: errors.run([&] { callback(reader.message()); }); break;
+      case detail::Event::publisher_down:
+        log::warn("{}: publisher stopped; waiting for the next one", reader.topic());
+        break;
+      case detail::Event::publisher_up: log::info("{}: publisher started", reader.topic()); break;
+      case detail::Event::nothing: break;
     }
   }
 
   void tick(double hz, const std::function<void()>& callback) {
-    detail::Complaints complaints("loop at " + detail::format("{}", hz) + " Hz");
+    detail::ErrorLog errors("loop at " + detail::format("{}", hz) + " Hz");
     detail::Schedule schedule(hz, Clock::now());
     while (!stopping_.load()) {
-      complaints.logged(callback);
+      errors.run(callback);
       if (!sleep_until(schedule.next(Clock::now()))) return;
     }
   }

@@ -1,7 +1,13 @@
+/// @file
 /// Topics in shared memory for C++17: one Publisher, many Subscribers, any process and language.
 ///
-/// Thin over conduit_ring.h, which says how the ring behaves. What goes wrong is thrown as conduit::Error, which is a
-/// std::system_error whose what() is a sentence and whose code() is the errno.
+///     conduit::Publisher publisher("chatter");
+///     conduit::Subscriber subscriber("chatter");
+///     publisher.publish("hello", 5);
+///     const conduit::Message message = subscriber.wait();
+///
+/// A thin layer over conduit_ring.h, which describes the ring. Errors are thrown as
+/// conduit::Error, a std::system_error whose what() is a message and whose code() is the errno.
 #pragma once
 
 #include <cerrno>
@@ -21,31 +27,35 @@
 
 namespace conduit {
 
-/// How a topic's slots are laid out. A message has up to slot_size - 20 bytes.
+/// The slots of a topic. A message has up to slot_size - 20 bytes.
 struct RingBufferConfig {
-  /// A power of two. A subscriber that is slower than the publisher by so many messages loses the oldest.
+  /// A power of two. A subscriber that falls behind by more messages loses the oldest ones.
   std::uint32_t slot_count = 16;
-  /// In bytes, the slot's 20-byte header included. Rounded up to a multiple of 64.
+  /// In bytes, including the slot's 20-byte header. The file rounds it up to a multiple of 64.
   std::uint32_t slot_size = 4096;
 };
 
-/// A slot that is being filled, from Publisher::loan(): the message is written where it will be read. Its publisher
-/// publishes nothing else meanwhile. When the publisher is gone, data() may still be written, and commit() throws.
+/// A lent slot from Publisher::loan(), in which a message is written in place. The publisher
+/// publishes nothing else meanwhile. After the publisher's destruction data() may still be
+/// written, and commit() throws.
 class Loan {
 public:
   Loan(Loan&&) noexcept = default;
   Loan& operator=(Loan&& other) noexcept = default;
 
-  /// Where to write: size() bytes of any alignment, which hold older messages until they are overwritten.
+  /// The memory to write to: size() bytes of any alignment, which contain older messages at
+  /// first.
   void* data() const noexcept { return data_; }
 
-  /// In bytes.
+  /// The size in bytes.
   std::size_t size() const noexcept { return size_; }
 
-  /// Publishes the message, or its first `size` bytes, and returns its sequence number. Once.
+  /// Publishes the message and returns its sequence number. May be called once.
   std::uint64_t commit() { return commit(size_); }
+
+  /// Publishes the first `size` bytes of the message and returns its sequence number.
   std::uint64_t commit(std::size_t size) {
-    if (!lent_) throw Error(EINVAL, "the loan was committed or moved from");
+    if (!lent_) throw Error(EINVAL, "loan was committed or moved from");
     std::uint64_t sequence = 0;
     detail::check(conduit_ring_publisher_commit(lent_.get(), size, &sequence));
     static_cast<void>(lent_.release());
@@ -56,32 +66,38 @@ public:
 private:
   friend class Publisher;
 
-  /// Cancels the loan, and keeps the handle until then.
+  /// Cancels the loan. Keeps the publisher's handle open until then.
   struct Cancel {
     std::shared_ptr<conduit_ring_publisher> publisher;
-    void operator()(conduit_ring_publisher* lent) const noexcept { conduit_ring_publisher_cancel(lent); }
+    void operator()(conduit_ring_publisher* lent) const noexcept {
+      conduit_ring_publisher_cancel(lent);
+    }
   };
 
   Loan(std::shared_ptr<conduit_ring_publisher> publisher, void* data, std::size_t size) noexcept
       : lent_(publisher.get(), Cancel{publisher}), data_(data), size_(size) {}
 
-  /// Null once it is committed.
+  /// Null after the commit.
   std::unique_ptr<conduit_ring_publisher, Cancel> lent_;
   void* data_;
   std::size_t size_;
 };
 
-/// The one publisher of a topic. Closes it when destroyed. May be used by several threads at once. A topic's file that is
-/// removed or replaced is made anew within a second, also while nothing is published; what cannot be is thrown by publish().
+/// The publisher of a topic. Closes the topic on destruction. Several threads may use it at once.
+///
+/// If the topic's file is removed or replaced, the publisher creates it again within a second,
+/// even while nothing is published. If that fails, publish() throws the reason.
 class Publisher {
 public:
-  /// Makes the topic, or goes on with it where a publisher that died left it. Throws while another publisher lives.
+  /// Creates the topic, or takes it over from a publisher that died. Throws while another
+  /// publisher is alive.
   Publisher(const std::string& topic) : Publisher(topic, RingBufferConfig{}) {}
 
-  Publisher(const std::string& topic, const RingBufferConfig& config) : Publisher(topic, config, 0) {}
+  Publisher(const std::string& topic, const RingBufferConfig& config)
+      : Publisher(topic, config, 0) {}
 
-  /// Publishes a copy of `size` bytes. Never waits. False, and nothing is published, when they do not fit into a slot, or
-  /// while a subscriber holds the slot.
+  /// Publishes a copy of `size` bytes. Never waits. Returns false without publishing when the
+  /// message does not fit into a slot, or when subscribers hold all slots.
   bool publish(const void* data, std::size_t size) {
     const int status = conduit_ring_publisher_publish(handle_.get(), data, size, nullptr);
     if (status == -EMSGSIZE || status == -EBUSY) return false;
@@ -89,9 +105,10 @@ public:
     return true;
   }
 
-  /// Lends the next slot, for a message of up to `size` bytes that is written in place. Nothing is published before
-  /// Loan::commit(); a loan that is destroyed without it publishes nothing. Nothing is lent where publish() would be false.
-  /// Until the loan is gone, publishing anything else throws.
+  /// Lends the next slot, in which a message of up to `size` bytes is written in place.
+  /// Loan::commit() publishes it; a loan that is destroyed without a commit publishes nothing.
+  /// Returns nothing when publish() would return false. Until the loan's end, publishing anything
+  /// else throws.
   std::optional<Loan> loan(std::size_t size) {
     void* data = nullptr;
     const int status = conduit_ring_publisher_loan(handle_.get(), size, &data);
@@ -105,7 +122,8 @@ public:
 private:
   friend class Node;
 
-  Publisher(const std::string& topic, const RingBufferConfig& config, std::uint32_t flags) : topic_(topic) {
+  Publisher(const std::string& topic, const RingBufferConfig& config, std::uint32_t flags)
+      : topic_(topic) {
     detail::check_abi();
     conduit_ring_publisher_options options = CONDUIT_RING_PUBLISHER_OPTIONS_INIT;
     options.flags = flags;
@@ -113,13 +131,16 @@ private:
     options.geometry.slot_size_bytes = config.slot_size;
     conduit_ring_publisher* opened = nullptr;
     detail::check(conduit_ring_publisher_open(detail::c_text(topic), &options, &opened));
-    handle_ = Handle(opened, End{std::shared_ptr<conduit_ring_publisher>(opened, conduit_ring_publisher_close)});
+    std::shared_ptr<conduit_ring_publisher> shared(opened, conduit_ring_publisher_close);
+    handle_ = Handle(opened, End{std::move(shared)});
   }
 
-  /// Ends the topic. The handle is closed when no loan shares it any more.
+  /// Ends the topic. The handle closes when no loan shares it any more.
   struct End {
     std::shared_ptr<conduit_ring_publisher> shared;
-    void operator()(conduit_ring_publisher* publisher) const noexcept { conduit_ring_publisher_end(publisher); }
+    void operator()(conduit_ring_publisher* publisher) const noexcept {
+      conduit_ring_publisher_end(publisher);
+    }
   };
   using Handle = std::unique_ptr<conduit_ring_publisher, End>;
 
@@ -127,33 +148,40 @@ private:
   Handle handle_;
 };
 
-/// Whether to read a topic without touching memory that another process could take away: see CONDUIT_RING_GUARD_AUTO.
+/// Whether to read a topic guarded, so that another user cannot end this process by truncating
+/// the topic's file. See CONDUIT_RING_GUARD_AUTO.
 enum class Guard : std::uint32_t {
-  /// When the topic's file belongs to another user.
+  /// If the topic's file belongs to another user.
   automatic = CONDUIT_RING_GUARD_AUTO,
   always = CONDUIT_RING_GUARD_ALWAYS,
-  /// All who may write the file are trusted.
+  /// All users who may write the file are trusted.
   never = CONDUIT_RING_GUARD_NEVER,
 };
 
-/// A message that stays where it lies, in its slot of the ring, until the lease is destroyed. The publisher leaves the slot
-/// alone meanwhile, and does not wait: when it comes to this slot again, it drops its new messages. So destroy it within
-/// slot_count - 1 periods of the topic. It may outlive its subscriber and go to other threads.
+/// A message that is read in its slot of the ring, without a copy, until the lease is destroyed.
+///
+/// The publisher skips the slot meanwhile; it does not wait. If leases hold all slots, it drops
+/// its new messages. So destroy a lease within slot_count - 1 periods of the topic. A lease may
+/// outlive its subscriber, and any thread may use it.
 class Lease {
 public:
-  /// Of any alignment.
+  /// The message's bytes, of any alignment.
   const void* data() const noexcept { return conduit_ring_lease_data(handle_.get()); }
 
-  /// In bytes.
+  /// The size in bytes.
   std::size_t size() const noexcept { return meta().size_bytes; }
 
-  /// As of Message.
+  /// As Message::sequence().
   std::uint64_t sequence() const noexcept { return meta().sequence; }
+
+  /// As Message::timestamp_ns().
   std::uint64_t timestamp_ns() const noexcept { return meta().timestamp_ns; }
+
+  /// As Message::lost().
   std::uint64_t lost() const noexcept { return meta().lost; }
 
-  /// Whether the publisher leaves a slot alone for it. It is a copy where none would: a legacy publisher, a guarded topic,
-  /// a message that is about to be overwritten.
+  /// Whether the lease holds a slot. It is a copy if the publisher would not respect it: a legacy
+  /// publisher, a guarded topic, or a message that is about to be overwritten.
   bool holds_slot() const noexcept { return conduit_ring_lease_holds_slot(handle_.get()); }
 
 private:
@@ -166,16 +194,17 @@ private:
   Handle handle_;
 };
 
-/// One reader of a topic: messages published from now on, each one that is still there. May be used by one thread at a
-/// time.
+/// A subscriber of a topic. It reads all messages published from now on that are still in the
+/// ring. One thread at a time may use it.
 ///
-/// It outlives publishers: when one dies or is restarted, reading goes on with the next one by itself.
+/// It outlives publishers: when a publisher dies or restarts, it continues with the next one.
 class Subscriber {
 public:
-  /// Waits until the topic exists. Throws when 16 others read it.
+  /// Waits until the topic exists. Throws when the topic has 16 other subscribers.
   Subscriber(const std::string& topic) : Subscriber(topic, Guard::automatic) {}
 
-  Subscriber(const std::string& topic, Guard guard) : reader_(topic, static_cast<std::uint32_t>(guard)) {
+  Subscriber(const std::string& topic, Guard guard)
+      : reader_(topic, static_cast<std::uint32_t>(guard)) {
     reader_.await_topic();
   }
 
@@ -186,7 +215,7 @@ public:
     }
   }
 
-  /// The next message, if it is there already.
+  /// Returns the next message if there is one already.
   std::optional<Message> try_read() {
     for (;;) {
       const detail::Event event = reader_.try_read();
@@ -195,36 +224,42 @@ public:
     }
   }
 
-  /// Waits for the next message, but not longer than `timeout`.
+  /// Waits for the next message, at most for `timeout`.
   std::optional<Message> wait_for(std::chrono::nanoseconds timeout) {
-    if (!in_time(timeout, [this](auto left) { return reader_.read(left); })) return std::nullopt;
+    const auto read = [this](auto left) { return reader_.read(left); };
+    if (!read_until(timeout, read)) return std::nullopt;
     return reader_.message();
   }
 
-  /// As wait(), try_read() and wait_for(), without copying the message. Throw (EMFILE) when three leases are held already.
+  /// As wait(), without copying the message. Throws (EMFILE) when the subscriber holds three
+  /// leases.
   Lease wait_lease() {
     for (;;) {
       if (auto lease = wait_lease_for(std::chrono::nanoseconds::max())) return std::move(*lease);
     }
   }
 
+  /// As try_read(), without copying the message.
   std::optional<Lease> try_lease() { return wait_lease_for(std::chrono::nanoseconds::zero()); }
 
+  /// As wait_for(), without copying the message.
   std::optional<Lease> wait_lease_for(std::chrono::nanoseconds timeout) {
     Lease::Handle handle;
-    if (!in_time(timeout, [&](auto left) { return reader_.lease(left, handle); })) return std::nullopt;
+    const auto lease = [&](auto left) { return reader_.lease(left, handle); };
+    if (!read_until(timeout, lease)) return std::nullopt;
     return Lease(std::move(handle));
   }
 
   const std::string& topic() const noexcept { return reader_.topic(); }
 
 private:
-  /// Reads until a message comes: true, or the time is up.
+  /// Reads until a message arrives. Returns false after the timeout.
   template <class Read>
-  static bool in_time(std::chrono::nanoseconds timeout, Read&& read) {
+  static bool read_until(std::chrono::nanoseconds timeout, Read&& read) {
     using Clock = std::chrono::steady_clock;
     const bool endless = timeout > std::chrono::hours(24 * 365 * 100);
-    const Clock::time_point deadline = endless ? Clock::time_point::max() : Clock::now() + timeout;
+    const Clock::time_point deadline =
+        endless ? Clock::time_point::max() : Clock::now() + timeout;
     for (;;) {
       const std::chrono::nanoseconds left = endless ? timeout : deadline - Clock::now();
       const detail::Event event = read(left);

@@ -1,7 +1,8 @@
-//! The header and the Rust behind it say the same.
+//! The header and the Rust sources agree.
 //!
-//! Signatures, structs, constants and numbers of errors are read from the Rust sources, said again in C, and compiled together with the
-//! header: a signature that differs is a conflicting declaration, a struct or constant that differs a failed assertion.
+//! Signatures, structs, constants and error numbers are read from the Rust sources, written in C,
+//! and compiled together with the header: a different signature is a conflicting declaration, a
+//! different struct or constant a failed assertion.
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -9,7 +10,7 @@ use std::fs;
 
 use crate::toolchain::{self, Language, folder, home, succeed};
 
-/// The sources with every run of white space made one space.
+/// Returns the sources with white space collapsed.
 fn rust() -> String {
     let mut files: Vec<_> = fs::read_dir(home().join("src"))
         .unwrap()
@@ -32,14 +33,14 @@ fn header() -> String {
     fs::read_to_string(home().join("include/conduit_ring.h")).unwrap()
 }
 
-/// What stands between `open` and `close` at each place where `open` stands.
+/// Returns the text between each `open` and the next `close`.
 fn all_between<'a>(text: &'a str, open: &'a str, close: &'a str) -> impl Iterator<Item = &'a str> {
     text.split(open)
         .skip(1)
         .map(move |rest| rest.split(close).next().unwrap())
 }
 
-/// `*const T` becomes `T const *`.
+/// Translates a type: `*const T` becomes `T const *`.
 fn c_type(rust: &str) -> String {
     let rust = rust.trim();
     if let Some(to) = rust.strip_prefix("*const ") {
@@ -58,12 +59,12 @@ fn c_type(rust: &str) -> String {
         "u64" => "uint64_t",
         "i64" => "int64_t",
         handle if handle.starts_with("conduit_ring_") => handle,
-        other => panic!("no C for the Rust type {other:?}"),
+        other => panic!("expected a type of the C ABI, got: {other:?}"),
     }
     .to_owned()
 }
 
-/// `name: type, …` as pairs of C's declarator and type.
+/// Splits `name: type, …` into pairs of C declarator and type.
 fn fields(list: &str) -> Vec<(String, String)> {
     list.split(',')
         .map(str::trim)
@@ -85,7 +86,7 @@ fn fields(list: &str) -> Vec<(String, String)> {
         .collect()
 }
 
-/// Name and C declaration of each exported function.
+/// Returns name and C declaration of each exported function.
 fn functions(rust: &str) -> Vec<(String, String)> {
     all_between(rust, "extern \"C\" fn ", " {")
         .map(|signature| {
@@ -127,7 +128,7 @@ fn constants(rust: &str) -> Vec<(&str, &str)> {
         .collect()
 }
 
-fn said_again_in_c(rust: &str) -> String {
+fn translate_to_c(rust: &str) -> String {
     let mut c = "#include <conduit_ring.h>\n#include <errno.h>\n".to_owned();
     for constant in all_between(rust, "pub(crate) const E", ";") {
         let (name, value) = constant.split_once(": c_int = ").unwrap();
@@ -150,8 +151,11 @@ fn said_again_in_c(rust: &str) -> String {
             let field = field.split('[').next().unwrap();
             writeln!(
                 c,
-                "_Static_assert(offsetof(struct rust_{name}, {field}) == offsetof({name}, {field}), \"{name}.{field}\");\n\
-                 _Static_assert(_Generic(&(({name} *)0)->{field}, __typeof__(&((struct rust_{name} *)0)->{field}): 1, default: 0), \"{name}.{field}\");"
+                "_Static_assert(offsetof(struct rust_{name}, {field}) == \
+                 offsetof({name}, {field}), \"{name}.{field}\");\n\
+                 _Static_assert(_Generic(&(({name} *)0)->{field}, \
+                 __typeof__(&((struct rust_{name} *)0)->{field}): 1, default: 0), \
+                 \"{name}.{field}\");"
             )
             .unwrap();
         }
@@ -176,9 +180,9 @@ fn signatures_structs_and_constants_of_the_header_are_those_of_the_library() {
     let Some(mut compile) = Language::C.compile() else {
         return;
     };
-    let source = folder("abi").join("said_again.c");
-    fs::write(&source, said_again_in_c(&rust())).unwrap();
-    // typeof is not C11's, its alternate keyword is an extension that pedantry lets pass.
+    let source = folder("abi").join("translated.c");
+    fs::write(&source, translate_to_c(&rust())).unwrap();
+    // typeof is not in C11; -pedantic accepts the alternate keyword.
     succeed(compile.arg("-fsyntax-only").arg(&source));
 }
 

@@ -1,13 +1,14 @@
-//! Checksummed messages between Rust, C and C++, in every direction, and across the death of a publisher.
+//! Checksummed messages between Rust, C and C++, in every direction, and across the death of a
+//! publisher.
 
 use conduit_ring::{Geometry, Publisher, PublisherOptions, Read, Subscriber, SubscriberOptions};
 
 use crate::toolchain::{C_PEER, CPP_PEER, LIMIT, Process, TestTopic};
 
-/// No more than the ring holds, so that nobody can fall behind.
+/// No more than the ring holds, so that no subscriber falls behind.
 const COUNT: u64 = 1000;
 
-/// As `programs/checked.h` says.
+/// Returns message `n` as `programs/checked.h` describes it.
 fn message(n: u64) -> Vec<u8> {
     let len = (n as u32).wrapping_mul(2_654_435_761) as usize % 3000;
     let bytes: Vec<u8> = (16..16 + len as u64)
@@ -31,7 +32,7 @@ fn expect_all(subscriber: &mut Subscriber) {
     }
 }
 
-/// Subscribers of all three languages get all that `publish` publishes once `go` was called.
+/// Asserts that subscribers of all three languages get the messages that `go` publishes.
 fn from(topic: &TestTopic, go: impl FnOnce()) {
     let mut rust = Subscriber::open(&topic.0, &SubscriberOptions::default()).unwrap();
     let arguments = ["subscribe", topic.name(), &COUNT.to_string()];

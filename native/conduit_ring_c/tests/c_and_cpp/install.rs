@@ -1,4 +1,4 @@
-//! What is installed can be built against and run, by pkg-config and by CMake; and so can the build tree.
+//! Programs build and run against the installation and the build tree, with pkg-config and CMake.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use crate::toolchain::{
     Language, Process, TestFolder, built_dir, fresh_folder, has, home, skip, succeed,
 };
 
-/// Installs once a run.
+/// Installs once per run.
 fn prefix() -> &'static Path {
     static PREFIX: OnceLock<PathBuf> = OnceLock::new();
     PREFIX.get_or_init(|| {
@@ -34,7 +34,7 @@ fn needs(program: &str) -> bool {
     there
 }
 
-/// The C example, publisher and subscriber.
+/// Runs the C examples, publisher and subscriber.
 fn exchange(publish: &Path, subscribe: &Path, library_path: &Path) {
     let topics = TestFolder::new();
     let start = |program: &Path| {
@@ -44,7 +44,7 @@ fn exchange(publish: &Path, subscribe: &Path, library_path: &Path) {
         Process::start(command)
     };
     let mut subscriber = start(subscribe);
-    // What is published before it is there is not for it.
+    // Messages published before it has subscribed do not reach it.
     subscriber.await_watching();
     let mut publisher = start(publish);
     for n in 0..10 {
@@ -121,7 +121,7 @@ fn the_programs_of_the_guide_compile() {
     }
 }
 
-/// As a project has it that was written for the C++ headers by their own name.
+/// As in a project that was written for the C++ headers.
 const CORE_PROJECT: &str = "\
 cmake_minimum_required(VERSION 3.19)
 project(user LANGUAGES C CXX)
@@ -220,7 +220,7 @@ fn a_cmake_project_finds_the_build_tree() {
 }
 
 #[test]
-fn wrong_use_of_the_installer_is_one_line() {
+fn a_usage_error_of_the_installer_is_one_line() {
     for wrong in [&["--to", "/x"][..], &["--prefix"], &[]] {
         let output = Command::new(home().join("install.sh"))
             .args(wrong)

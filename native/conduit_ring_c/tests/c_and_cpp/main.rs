@@ -1,6 +1,6 @@
-//! The ring as C and C++ programs use it: compiled here, run as processes of their own.
+//! Tests of the ring with C and C++ programs, which are compiled here and run as processes.
 //!
-//! Without a compiler these tests do nothing and say so on standard error.
+//! Without a compiler these tests print a line on stderr and pass.
 
 mod abi;
 mod cases;

@@ -1,4 +1,4 @@
-//! Nodes as the programs that they are.
+//! Tests of nodes as whole programs.
 
 use crate::toolchain::{CPP_PEER, TestTopic};
 

@@ -1,4 +1,4 @@
-//! Compilers, what they build, and the processes that run it.
+//! Compilers, the programs that they build, and processes of these programs.
 
 #[path = "../../../conduit_ring/tests/support/run.rs"]
 mod run;
@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use conduit_ring::Topic;
 
-/// What a test waits for at most, where it waits for an event.
+/// The timeout of every wait.
 pub const LIMIT: Duration = Duration::from_secs(60);
 
 const STRICT: [&str; 4] = ["-Wall", "-Wextra", "-Wpedantic", "-Werror"];
@@ -45,7 +45,8 @@ impl Language {
         }
     }
 
-    /// A command that compiles strictly, or `None`, said aloud, where there is no compiler.
+    /// Returns a command that compiles strictly, or `None` with a line on stderr without a
+    /// compiler.
     pub fn compile(self) -> Option<Command> {
         let compiler = self.compiler();
         if !has(&compiler) {
@@ -68,7 +69,7 @@ impl Language {
     }
 }
 
-/// The crate's folder.
+/// Returns the crate's folder.
 pub fn home() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
@@ -77,7 +78,7 @@ pub fn include_dir() -> PathBuf {
     home().join("include")
 }
 
-/// Where cargo put `libconduit_ring_c.so` and `.a` of this very build: beside this program.
+/// Returns the folder of this build's `libconduit_ring_c.so` and `.a`, beside this program.
 pub fn built_dir() -> PathBuf {
     let test = std::env::current_exe().unwrap();
     test.parent().unwrap().to_owned()
@@ -92,7 +93,7 @@ pub fn has(program: &str) -> bool {
     version.is_ok_and(|status| status.success())
 }
 
-/// Whether a C++ source of these lines compiles; if not, it is said aloud.
+/// Returns whether a C++ source of these lines compiles. Prints a line if not.
 pub fn compiles(lines: &str, flags: &[&str]) -> bool {
     let Some(mut compile) = Language::Cpp.compile() else {
         return false;
@@ -114,12 +115,13 @@ pub fn compiles(lines: &str, flags: &[&str]) -> bool {
     compiles
 }
 
-/// The harness hides what a test that succeeds prints, except what goes straight to the descriptor.
+/// Prints directly to the descriptor, because the test harness hides the output of a passing
+/// test.
 pub fn skip(reason: &str) {
     let _ = writeln!(io::stderr(), "skipped: {reason}");
 }
 
-/// A folder for what a test makes. It keeps what an earlier run left there.
+/// Returns a folder for a test's files, which may contain files of an earlier run.
 pub fn folder(name: &str) -> PathBuf {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR"))
         .join("conduit_ring_c")
@@ -128,13 +130,13 @@ pub fn folder(name: &str) -> PathBuf {
     path
 }
 
-/// An empty folder.
+/// Returns an empty folder.
 pub fn fresh_folder(name: &str) -> PathBuf {
     fs::remove_dir_all(folder(name)).unwrap();
     folder(name)
 }
 
-/// Runs to the end, which must be a good one.
+/// Runs a command and asserts that it succeeds.
 pub fn succeed(command: &mut Command) -> Output {
     let output = command
         .output()
@@ -164,7 +166,7 @@ fn build(language: Language, source: &str, flags: &[&str], to: &Path) -> Option<
     Some(())
 }
 
-/// A program of `programs/`, compiled once a run.
+/// A program of `programs/`, compiled once per run.
 pub struct Program {
     language: Language,
     source: &'static str,
@@ -202,7 +204,7 @@ impl Program {
         }
     }
 
-    /// A command that runs it.
+    /// Returns a command that runs the program.
     pub fn command(&self) -> Option<Command> {
         self.built
             .get_or_init(|| {
@@ -213,7 +215,7 @@ impl Program {
             .map(Command::new)
     }
 
-    /// One that tells its flags apart.
+    /// Returns a file name that distinguishes the program by its flags.
     fn name(&self) -> String {
         let mut name = self.source.replace('.', "_");
         for flag in self.flags {
@@ -223,7 +225,7 @@ impl Program {
         name
     }
 
-    /// Starts it with pipes.
+    /// Starts the program with pipes.
     pub fn start<A: AsRef<OsStr>>(
         &self,
         arguments: impl IntoIterator<Item = A>,
@@ -234,7 +236,7 @@ impl Program {
     }
 }
 
-/// Whether the compiler can build a program with the sanitizers, and this machine run it.
+/// Returns whether the compiler can build a program with the sanitizers and this machine run it.
 pub fn can_sanitize(language: Language) -> bool {
     let Some(mut compile) = language.compile() else {
         return false;
@@ -265,7 +267,7 @@ pub fn can_sanitize(language: Language) -> bool {
     works
 }
 
-/// A running program. Killed when dropped.
+/// A running program. Killed on drop.
 pub struct Process {
     child: Child,
     lines: io::Lines<BufReader<std::process::ChildStdout>>,
@@ -288,7 +290,7 @@ impl Process {
         }
     }
 
-    /// The next line that it prints.
+    /// Returns the next line that the program prints.
     pub fn line(&mut self) -> String {
         self.lines
             .next()
@@ -300,12 +302,12 @@ impl Process {
         assert_eq!(self.line(), line);
     }
 
-    /// Lets it go on.
+    /// Sends a line, for which the program waits.
     pub fn go(&mut self) {
         self.input.as_mut().unwrap().write_all(b"\n").unwrap();
     }
 
-    /// Waits until it waits for a topic that is not there.
+    /// Waits until the program waits for a missing topic.
     pub fn await_watching(&self) {
         let descriptors = format!("/proc/{}/fd", self.child.id());
         let watches = || {
@@ -321,11 +323,11 @@ impl Process {
     }
 
     pub fn signal(&self, signal: libc::c_int) {
-        // SAFETY: a child that was not waited for yet has its number.
+        // SAFETY: kill takes two numbers; a child that was not waited for still has its id.
         assert_eq!(unsafe { libc::kill(self.child.id() as i32, signal) }, 0);
     }
 
-    /// Waits for its end, with its standard input closed.
+    /// Closes the program's standard input and waits for its end.
     pub fn end(mut self) -> ExitStatus {
         drop(self.input.take());
         let start = Instant::now();
@@ -346,7 +348,7 @@ impl Drop for Process {
     }
 }
 
-/// A folder of ring topics for programs whose topics have fixed names.
+/// A folder of ring topics for programs with fixed topic names.
 pub struct TestFolder(pub PathBuf);
 
 impl TestFolder {
@@ -363,7 +365,7 @@ impl Drop for TestFolder {
     }
 }
 
-/// A name that no other test has; what is left under it is removed at the end.
+/// A unique topic name. Its file is removed on drop.
 pub struct TestTopic(pub Topic);
 
 impl TestTopic {

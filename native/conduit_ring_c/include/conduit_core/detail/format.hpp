@@ -1,6 +1,7 @@
-/// Formatting for log lines: std::format where the standard library has it, else {fmt} where its headers are there, else
-/// the part of the same language that is written out in plain_format.hpp. What the one in use cannot do is refused with an
-/// exception, never printed wrongly.
+/// @file
+/// Formatting of log lines: std::format if the standard library has it, otherwise {fmt} if its
+/// headers are installed, otherwise the subset in plain_format.hpp. A text that the formatter
+/// does not support throws an exception; it is never printed wrongly.
 #pragma once
 
 #include <exception>
@@ -18,7 +19,7 @@
 #endif
 #endif
 
-// CONDUIT_LOG_PLAIN_FORMAT chooses the part that needs no library.
+// CONDUIT_LOG_PLAIN_FORMAT selects the subset, which needs no library.
 #if defined(CONDUIT_LOG_PLAIN_FORMAT)
 #define CONDUIT_LOG_FORMAT_PLAIN 1
 #elif defined(__cpp_lib_format)
@@ -73,7 +74,8 @@ std::string vformat(std::string_view text, const Args&... args) {
 template <class T, class = void>
 struct IsStreamable : std::false_type {};
 template <class T>
-struct IsStreamable<T, std::void_t<decltype(std::declval<std::ostream&>() << std::declval<const T&>())>>
+struct IsStreamable<
+    T, std::void_t<decltype(std::declval<std::ostream&>() << std::declval<const T&>())>>
     : std::true_type {};
 
 template <class T>
@@ -84,8 +86,9 @@ std::string streamed(const T& value) {
   return out.str();
 }
 
-/// An argument as every formatter takes it: texts as views (a null pointer as "(null)"), what has no formatter by its
-/// operator<<, an enumerator without one by its number.
+/// Converts an argument to a type that all formatters support: a text to a view (a null pointer
+/// to "(null)"), a value without a formatter by its operator<<, an enumerator without one to its
+/// number.
 template <class T>
 decltype(auto) formattable(const T& value) {
   if constexpr (std::is_null_pointer_v<T>) {
@@ -97,20 +100,28 @@ decltype(auto) formattable(const T& value) {
     return std::string_view(value);
   } else if constexpr (std::is_enum_v<T>) {
     if constexpr (is_formattable<T>) return static_cast<const T&>(value);
-    else if constexpr (IsStreamable<T>::value && !std::is_convertible_v<T, int>) return streamed(value);
+    else if constexpr (IsStreamable<T>::value && !std::is_convertible_v<T, int>)
+      return streamed(value);
     else return +static_cast<std::underlying_type_t<T>>(value);
   } else if constexpr (std::is_pointer_v<T>) {
     return static_cast<const void*>(value);
   } else if constexpr (is_formattable<T>) {
     return static_cast<const T&>(value);
   } else {
-    static_assert(IsStreamable<T>::value, "an argument of a log line needs a formatter or an operator<< for std::ostream");
+    static_assert(IsStreamable<T>::value,
+                  "expected an argument with a formatter or an operator<< for std::ostream");
     return streamed(value);
   }
 }
 
-/// The text with its arguments, in the language of std::format. Throws std::exception for what is no such text. A text
-/// without arguments that is none stands for itself.
+/// Binds a temporary for the duration of a call.
+template <class T>
+const T& as_reference(const T& value) {
+  return value;
+}
+
+/// Formats a text with the syntax of std::format. Throws std::exception if that fails. Without
+/// arguments, returns an invalid text unchanged.
 template <class... Args>
 std::string format(std::string_view text, const Args&... args) {
   if constexpr (sizeof...(Args) == 0) {
@@ -120,7 +131,7 @@ std::string format(std::string_view text, const Args&... args) {
       return std::string(text);
     }
   } else {
-    return vformat(text, static_cast<const std::decay_t<decltype(formattable(args))>&>(formattable(args))...);
+    return vformat(text, as_reference(formattable(args))...);
   }
 }
 

@@ -1,3 +1,4 @@
+/// @file
 /// A subscriber of conduit_ring.h with its buffer and its waker.
 #pragma once
 
@@ -14,21 +15,26 @@
 
 namespace conduit::detail {
 
-/// Frees what conduit_ring.h has made.
+/// Frees the handles of conduit_ring.h.
 struct Release {
-  void operator()(conduit_ring_subscriber* subscriber) const noexcept { conduit_ring_subscriber_close(subscriber); }
-  void operator()(conduit_ring_message* message) const noexcept { conduit_ring_message_free(message); }
+  void operator()(conduit_ring_subscriber* subscriber) const noexcept {
+    conduit_ring_subscriber_close(subscriber);
+  }
+  void operator()(conduit_ring_message* message) const noexcept {
+    conduit_ring_message_free(message);
+  }
   void operator()(conduit_ring_waker* waker) const noexcept { conduit_ring_waker_free(waker); }
   void operator()(conduit_ring_lease* lease) const noexcept { conduit_ring_lease_release(lease); }
 };
 
-/// What a read gave. `nothing`: nothing there, not in time, or woken.
+/// The result of a read. `nothing` means no event, a timeout or a wake-up.
 enum class Event { nothing, message, publisher_up, publisher_down };
 
 class Reader {
 public:
-  /// Does not wait for the topic.
-  explicit Reader(const std::string& topic, std::uint32_t guard = CONDUIT_RING_GUARD_AUTO) : topic_(topic) {
+  /// Opens a subscriber, without waiting for the topic.
+  explicit Reader(const std::string& topic, std::uint32_t guard = CONDUIT_RING_GUARD_AUTO)
+      : topic_(topic) {
     check_abi();
     conduit_ring_subscriber_options options = CONDUIT_RING_SUBSCRIBER_OPTIONS_INIT;
     options.guard = guard;
@@ -43,39 +49,45 @@ public:
     waker_.reset(waker);
   }
 
-  /// Returns when the topic exists, or was woken.
+  /// Waits until the topic exists, or for a wake-up.
   void await_topic() {
-    const int status = conduit_ring_subscriber_await_topic(subscriber_.get(), CONDUIT_RING_FOREVER);
+    const int status =
+        conduit_ring_subscriber_await_topic(subscriber_.get(), CONDUIT_RING_FOREVER);
     if (!is_nothing(status)) check(status);
   }
 
   Event try_read() {
     std::uint32_t event = 0;
-    const int status = conduit_ring_subscriber_try_read(subscriber_.get(), buffer_.get(), &event);
-    return tell(status, event);
+    const int status =
+        conduit_ring_subscriber_try_read(subscriber_.get(), buffer_.get(), &event);
+    return to_event(status, event);
   }
 
   Event read(std::chrono::nanoseconds timeout) {
     std::uint32_t event = 0;
-    const int status = conduit_ring_subscriber_read(subscriber_.get(), buffer_.get(), count(timeout), &event);
-    return tell(status, event);
+    const int status = conduit_ring_subscriber_read(subscriber_.get(), buffer_.get(),
+                                                    count(timeout), &event);
+    return to_event(status, event);
   }
 
-  /// After Event::message the lease is there.
-  Event lease(std::chrono::nanoseconds timeout, std::unique_ptr<conduit_ring_lease, Release>& lease) {
+  /// Sets `lease` if the result is Event::message.
+  Event lease(std::chrono::nanoseconds timeout,
+              std::unique_ptr<conduit_ring_lease, Release>& lease) {
     std::uint32_t event = 0;
     conduit_ring_lease* taken = nullptr;
-    const int status = conduit_ring_subscriber_lease(subscriber_.get(), count(timeout), &taken, &event);
+    const int status =
+        conduit_ring_subscriber_lease(subscriber_.get(), count(timeout), &taken, &event);
     lease.reset(taken);
-    return tell(status, event);
+    return to_event(status, event);
   }
 
-  /// After Event::message.
+  /// Returns the message. Valid after Event::message.
   Message message() const noexcept {
-    return Message(conduit_ring_message_data(buffer_.get()), conduit_ring_message_meta(buffer_.get()));
+    return Message(conduit_ring_message_data(buffer_.get()),
+                   conduit_ring_message_meta(buffer_.get()));
   }
 
-  /// Ends the current read, or the next one. For any thread.
+  /// Ends the current read, or the next one. Any thread may call it.
   void wake() const noexcept { conduit_ring_waker_wake(waker_.get()); }
 
   const std::string& topic() const noexcept { return topic_; }
@@ -89,7 +101,7 @@ private:
     return status == -EAGAIN || status == -ETIMEDOUT || status == -ECANCELED;
   }
 
-  static Event tell(int status, std::uint32_t event) {
+  static Event to_event(int status, std::uint32_t event) {
     if (is_nothing(status)) return Event::nothing;
     check(status);
     switch (event) {

@@ -1,4 +1,5 @@
-/// SIGINT and SIGTERM while nodes run.
+/// @file
+/// Handling of SIGINT and SIGTERM while nodes run.
 #pragma once
 
 #include <atomic>
@@ -14,23 +15,23 @@
 
 namespace conduit::detail {
 
-/// Something that happened, as a descriptor that poll() sees as readable from then on.
+/// A flag as a descriptor, which poll() reports as readable while the flag is raised.
 class Flag {
 public:
   Flag() : descriptor_(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
-    if (descriptor_ < 0) throw Error(errno, "no event descriptor could be made");
+    if (descriptor_ < 0) throw Error(errno, "could not create an event descriptor");
   }
   ~Flag() { ::close(descriptor_); }
   Flag(const Flag&) = delete;
   Flag& operator=(const Flag&) = delete;
 
-  /// For signal handlers too.
+  /// Raises the flag. Signal handlers may call it.
   void raise() const noexcept { raise(descriptor_); }
 
   static void raise(int descriptor) noexcept {
     const int kept = errno;
     const std::uint64_t one = 1;
-    // It can fail only when it is raised 2^64 times over.
+    // Fails only after 2^64 calls.
     [[maybe_unused]] const ssize_t written = ::write(descriptor, &one, sizeof one);
     errno = kept;
   }
@@ -53,8 +54,8 @@ extern "C" inline void conduit_detail_on_signal(int) {
   Flag::raise(signal_descriptor.load());
 }
 
-/// While any of these lives, SIGINT and SIGTERM raise one flag for all of them. The handlers before come back after the
-/// last.
+/// Makes SIGINT and SIGTERM raise one flag, which all instances share. The last instance restores
+/// the previous handlers.
 class SignalWatch {
 public:
   SignalWatch() {

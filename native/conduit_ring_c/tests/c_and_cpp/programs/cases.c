@@ -1,4 +1,4 @@
-/* usage: cases NAME TOPIC - runs one case; exit status 0 if it holds. */
+/* usage: cases NAME TOPIC - runs one case; the exit status is 0 if it passes. */
 #define _POSIX_C_SOURCE 200809L
 
 #include <errno.h>
@@ -14,17 +14,21 @@
 
 #include "wire_format.h"
 
-#define CHECK(condition) \
-    ((condition) ? (void)0 \
-                 : (fprintf(stderr, "line %d: %s; last error: %s\n", __LINE__, #condition, conduit_ring_last_error()), exit(1)))
-#define FAILS(errno_, sentence, call) \
-    (CHECK((call) == -(errno_)), CHECK(strstr(conduit_ring_last_error(), (sentence)) != NULL))
+#define FAIL(condition) \
+    (fprintf(stderr, "line %d: %s; last error: %s\n", __LINE__, condition, \
+             conduit_ring_last_error()), \
+     exit(1))
+#define CHECK(condition) ((condition) ? (void)0 : FAIL(#condition))
+#define FAILS(errno_, message, call) \
+    (CHECK((call) == -(errno_)), CHECK(strstr(conduit_ring_last_error(), (message)) != NULL))
 #define MS UINT64_C(1000000)
 #define LONG (10000 * MS)
 
 _Static_assert(sizeof(conduit_ring_part) == sizeof(struct iovec), "a part is an iovec");
-_Static_assert(offsetof(conduit_ring_part, data) == offsetof(struct iovec, iov_base), "a part is an iovec");
-_Static_assert(offsetof(conduit_ring_part, size_bytes) == offsetof(struct iovec, iov_len), "a part is an iovec");
+_Static_assert(offsetof(conduit_ring_part, data) == offsetof(struct iovec, iov_base),
+    "a part is an iovec");
+_Static_assert(offsetof(conduit_ring_part, size_bytes) == offsetof(struct iovec, iov_len),
+    "a part is an iovec");
 
 static const char *topic;
 
@@ -63,13 +67,14 @@ static void expect_text(const conduit_ring_message *message, const char *text) {
     CHECK(memcmp(conduit_ring_message_data(message), text, strlen(text)) == 0);
 }
 
-static void expect_event(conduit_ring_subscriber *subscriber, conduit_ring_message *message, uint32_t expected) {
+static void expect_event(conduit_ring_subscriber *subscriber, conduit_ring_message *message,
+    uint32_t expected) {
     uint32_t event = 0;
     CHECK(conduit_ring_subscriber_read(subscriber, message, LONG, &event) == 0);
     CHECK(event == expected);
 }
 
-static void every_null_and_every_wrong_value_is_refused_with_a_sentence(void) {
+static void every_null_and_every_invalid_value_is_an_error_with_a_message(void) {
     CHECK(strcmp(conduit_ring_last_error(), "") == 0);
     conduit_ring_publisher *publisher = (void *)1;
     conduit_ring_subscriber *subscriber = (void *)1;
@@ -104,18 +109,19 @@ static void every_null_and_every_wrong_value_is_refused_with_a_sentence(void) {
     FAILS(EINVAL, "subscriber is NULL", conduit_ring_subscriber_open(topic, NULL, NULL));
     conduit_ring_subscriber_options how = CONDUIT_RING_SUBSCRIBER_OPTIONS_INIT;
     how.start = 9;
-    FAILS(EINVAL, "start is 9", conduit_ring_subscriber_open(topic, &how, &subscriber));
+    FAILS(EINVAL, "invalid start", conduit_ring_subscriber_open(topic, &how, &subscriber));
     how.start = 0;
     how.policy = 9;
-    FAILS(EINVAL, "policy is 9", conduit_ring_subscriber_open(topic, &how, &subscriber));
+    FAILS(EINVAL, "invalid policy", conduit_ring_subscriber_open(topic, &how, &subscriber));
     how.policy = 0;
     how.guard = 9;
-    FAILS(EINVAL, "guard is 9", conduit_ring_subscriber_open(topic, &how, &subscriber));
+    FAILS(EINVAL, "invalid guard", conduit_ring_subscriber_open(topic, &how, &subscriber));
     conduit_ring_message *message = message_of_nothing();
     FAILS(EINVAL, "message is NULL", conduit_ring_message_new(NULL));
     conduit_ring_lease *lease = (void *)1;
     FAILS(EINVAL, "subscriber is NULL", conduit_ring_subscriber_lease(NULL, 0, &lease, &event));
-    CHECK(lease == NULL && conduit_ring_lease_data(NULL) == NULL && !conduit_ring_lease_holds_slot(NULL));
+    CHECK(lease == NULL && conduit_ring_lease_data(NULL) == NULL
+        && !conduit_ring_lease_holds_slot(NULL));
     CHECK(conduit_ring_lease_meta(NULL).size_bytes == 0);
     conduit_ring_lease_release(NULL);
     void *lent = (void *)1;
@@ -125,7 +131,8 @@ static void every_null_and_every_wrong_value_is_refused_with_a_sentence(void) {
     FAILS(EINVAL, "publisher is NULL", conduit_ring_publisher_cancel(NULL));
     FAILS(EINVAL, "subscriber is NULL", conduit_ring_subscriber_try_read(NULL, message, &event));
     FAILS(EINVAL, "subscriber is NULL", conduit_ring_subscriber_read(NULL, message, 0, &event));
-    FAILS(EINVAL, "subscriber is NULL", conduit_ring_subscriber_try_read_into(NULL, bytes, 8, &meta, &event));
+    FAILS(EINVAL, "subscriber is NULL",
+        conduit_ring_subscriber_try_read_into(NULL, bytes, 8, &meta, &event));
     FAILS(EINVAL, "subscriber is NULL", conduit_ring_subscriber_wait(NULL, 0));
     FAILS(EINVAL, "subscriber is NULL", conduit_ring_subscriber_await_topic(NULL, 0));
     FAILS(EINVAL, "subscriber is NULL", conduit_ring_subscriber_set_policy(NULL, 0));
@@ -147,9 +154,12 @@ static void every_null_and_every_wrong_value_is_refused_with_a_sentence(void) {
     subscriber = subscriber_of(0, 0, 0);
     const conduit_ring_part lost_part = {NULL, 1};
     FAILS(EINVAL, "data is NULL", conduit_ring_publisher_publish(publisher, NULL, 1, NULL));
-    FAILS(EINVAL, "cannot be", conduit_ring_publisher_publish(publisher, "x", SIZE_MAX, NULL));
-    FAILS(EINVAL, "parts is NULL", conduit_ring_publisher_publish_parts(publisher, NULL, 1, NULL));
-    FAILS(EINVAL, "data of a part is NULL", conduit_ring_publisher_publish_parts(publisher, &lost_part, 1, NULL));
+    FAILS(EINVAL, "invalid size of data",
+        conduit_ring_publisher_publish(publisher, "x", SIZE_MAX, NULL));
+    FAILS(EINVAL, "parts is NULL",
+        conduit_ring_publisher_publish_parts(publisher, NULL, 1, NULL));
+    FAILS(EINVAL, "data of a part is NULL",
+        conduit_ring_publisher_publish_parts(publisher, &lost_part, 1, NULL));
     FAILS(EINVAL, "info is NULL", conduit_ring_publisher_info(publisher, NULL));
     FAILS(EINVAL, "data is NULL", conduit_ring_publisher_loan(publisher, 1, NULL));
     FAILS(EINVAL, "no loan", conduit_ring_publisher_commit(publisher, 0, NULL));
@@ -158,9 +168,11 @@ static void every_null_and_every_wrong_value_is_refused_with_a_sentence(void) {
     FAILS(EINVAL, "message is NULL", conduit_ring_subscriber_try_read(subscriber, NULL, &event));
     FAILS(EINVAL, "event is NULL", conduit_ring_subscriber_try_read(subscriber, message, NULL));
     FAILS(EINVAL, "event is NULL", conduit_ring_subscriber_read(subscriber, message, 0, NULL));
-    FAILS(EINVAL, "buffer is NULL", conduit_ring_subscriber_try_read_into(subscriber, NULL, 8, &meta, &event));
-    FAILS(EINVAL, "meta is NULL", conduit_ring_subscriber_try_read_into(subscriber, bytes, 8, NULL, &event));
-    FAILS(EINVAL, "policy is 7", conduit_ring_subscriber_set_policy(subscriber, 7));
+    FAILS(EINVAL, "buffer is NULL",
+        conduit_ring_subscriber_try_read_into(subscriber, NULL, 8, &meta, &event));
+    FAILS(EINVAL, "meta is NULL",
+        conduit_ring_subscriber_try_read_into(subscriber, bytes, 8, NULL, &event));
+    FAILS(EINVAL, "got: 7", conduit_ring_subscriber_set_policy(subscriber, 7));
     FAILS(EINVAL, "up is NULL", conduit_ring_subscriber_publisher_up(subscriber, NULL));
     FAILS(EINVAL, "geometry is NULL", conduit_ring_subscriber_geometry(subscriber, NULL));
     FAILS(EINVAL, "content_tag is NULL", conduit_ring_subscriber_content_tag(subscriber, NULL));
@@ -179,16 +191,16 @@ static void every_null_and_every_wrong_value_is_refused_with_a_sentence(void) {
     conduit_ring_message_free(message);
 }
 
-static void options_of_another_version_are_refused(void) {
+static void options_of_another_version_are_an_error(void) {
     CHECK(conduit_ring_abi_version() == CONDUIT_RING_ABI_VERSION);
     CHECK(strchr(conduit_ring_version(), '.') != NULL);
     conduit_ring_publisher_options zeros = {0};
     conduit_ring_publisher *publisher;
-    FAILS(EINVAL, "abi_version 0", conduit_ring_publisher_open(topic, &zeros, &publisher));
+    FAILS(EINVAL, "got: 0", conduit_ring_publisher_open(topic, &zeros, &publisher));
     conduit_ring_subscriber_options newer = CONDUIT_RING_SUBSCRIBER_OPTIONS_INIT;
     newer.abi_version += 1;
     conduit_ring_subscriber *subscriber;
-    FAILS(EINVAL, "abi_version 3", conduit_ring_subscriber_open(topic, &newer, &subscriber));
+    FAILS(EINVAL, "got: 3", conduit_ring_subscriber_open(topic, &newer, &subscriber));
 }
 
 static void messages_of_one_part_and_of_many_arrive_whole(void) {
@@ -223,15 +235,17 @@ static void messages_of_one_part_and_of_many_arrive_whole(void) {
     conduit_ring_publisher_close(publisher);
 }
 
-static void a_message_that_does_not_fit_is_refused_and_counted(void) {
+static void a_message_that_does_not_fit_is_rejected_and_counted(void) {
     conduit_ring_publisher *publisher = publisher_of(4, 64);
     char bytes[64] = {0};
     const uint32_t longest = 64 - CONDUIT_RING_SLOT_HEADER_BYTES;
-    FAILS(EMSGSIZE, "a slot holds 44", conduit_ring_publisher_publish(publisher, bytes, longest + 1, NULL));
+    FAILS(EMSGSIZE, "a slot holds 44",
+        conduit_ring_publisher_publish(publisher, bytes, longest + 1, NULL));
     CHECK(conduit_ring_publisher_publish(publisher, bytes, longest, NULL) == 0);
     conduit_ring_info info;
     CHECK(conduit_ring_publisher_info(publisher, &info) == 0);
-    CHECK(info.published == 1 && info.rejected_oversize == 1 && info.max_message_size_bytes == longest);
+    CHECK(info.published == 1 && info.rejected_oversize == 1
+        && info.max_message_size_bytes == longest);
     conduit_ring_publisher_close(publisher);
 }
 
@@ -245,18 +259,22 @@ static void a_message_too_large_for_the_callers_buffer_is_kept(void) {
     CHECK(conduit_ring_subscriber_try_read_into(subscriber, buffer, 4, &meta, &event) == -EAGAIN);
     for (int round = 0; round < 3; ++round) {
         publish(publisher, "sixsix");
-        FAILS(ENOBUFS, "has 6 bytes", conduit_ring_subscriber_try_read_into(subscriber, buffer, 4, &meta, &event));
+        FAILS(ENOBUFS, "message of 6 bytes",
+            conduit_ring_subscriber_try_read_into(subscriber, buffer, 4, &meta, &event));
         CHECK(meta.size_bytes == 6);
-        FAILS(ENOBUFS, "has 6 bytes", conduit_ring_subscriber_try_read_into(subscriber, NULL, 0, &meta, &event));
+        FAILS(ENOBUFS, "message of 6 bytes",
+            conduit_ring_subscriber_try_read_into(subscriber, NULL, 0, &meta, &event));
         CHECK(conduit_ring_subscriber_wait(subscriber, 0) == 0);
         if (round == 0) {
             expect_event(subscriber, message, CONDUIT_RING_EVENT_MESSAGE);
             expect_text(message, "sixsix");
         } else {
-            CHECK(conduit_ring_subscriber_try_read_into(subscriber, buffer, 6, &meta, &event) == 0);
+            CHECK(conduit_ring_subscriber_try_read_into(subscriber, buffer, 6, &meta, &event)
+                == 0);
             CHECK(event == CONDUIT_RING_EVENT_MESSAGE && memcmp(buffer, "sixsix", 6) == 0);
         }
-        CHECK(conduit_ring_subscriber_try_read_into(subscriber, buffer, 8, &meta, &event) == -EAGAIN);
+        CHECK(conduit_ring_subscriber_try_read_into(subscriber, buffer, 8, &meta, &event)
+            == -EAGAIN);
     }
     publish(publisher, "four");
     CHECK(conduit_ring_subscriber_try_read_into(subscriber, buffer, 8, &meta, &event) == 0);
@@ -269,7 +287,7 @@ static void a_message_too_large_for_the_callers_buffer_is_kept(void) {
     conduit_ring_publisher_close(publisher);
 }
 
-static void a_publishers_coming_and_going_are_events(void) {
+static void a_publishers_start_and_end_are_events(void) {
     conduit_ring_subscriber *subscriber = subscriber_of(0, 0, 0);
     conduit_ring_message *message = message_of_nothing();
     conduit_ring_geometry geometry;
@@ -323,8 +341,10 @@ static void an_abandoned_topic_is_taken_over_at_the_same_number(void) {
 
 static void history_latest_and_losses(void) {
     conduit_ring_publisher *publisher = publisher_of(4, 64);
-    conduit_ring_subscriber *all = subscriber_of(CONDUIT_RING_START_NEW, 0, CONDUIT_RING_POLICY_ALL);
-    for (char c = 'a'; c < 'k'; ++c) CHECK(conduit_ring_publisher_publish(publisher, &c, 1, NULL) == 0);
+    conduit_ring_subscriber *all =
+        subscriber_of(CONDUIT_RING_START_NEW, 0, CONDUIT_RING_POLICY_ALL);
+    for (char c = 'a'; c < 'k'; ++c)
+        CHECK(conduit_ring_publisher_publish(publisher, &c, 1, NULL) == 0);
     conduit_ring_message *message = message_of_nothing();
     expect_event(all, message, CONDUIT_RING_EVENT_MESSAGE);
     expect_text(message, "g");
@@ -336,10 +356,12 @@ static void history_latest_and_losses(void) {
     CHECK(conduit_ring_subscriber_stats(all, &stats) == 0);
     CHECK(stats.delivered == 2 && stats.lost == 8 && stats.resyncs == 0);
 
-    conduit_ring_subscriber *latest = subscriber_of(CONDUIT_RING_START_LATEST, 0, CONDUIT_RING_POLICY_ALL);
+    conduit_ring_subscriber *latest =
+        subscriber_of(CONDUIT_RING_START_LATEST, 0, CONDUIT_RING_POLICY_ALL);
     expect_event(latest, message, CONDUIT_RING_EVENT_MESSAGE);
     expect_text(message, "j");
-    conduit_ring_subscriber *history = subscriber_of(CONDUIT_RING_START_HISTORY, 3, CONDUIT_RING_POLICY_ALL);
+    conduit_ring_subscriber *history =
+        subscriber_of(CONDUIT_RING_START_HISTORY, 3, CONDUIT_RING_POLICY_ALL);
     expect_event(history, message, CONDUIT_RING_EVENT_MESSAGE);
     expect_text(message, "h");
     conduit_ring_message_free(message);
@@ -370,8 +392,11 @@ static void waiting_ends_in_time_and_by_the_waker(void) {
     for (int way = 0; way < 2; ++way) {
         pthread_t thread;
         CHECK(pthread_create(&thread, NULL, wake, waker) == 0);
-        if (way == 0) CHECK(conduit_ring_subscriber_wait(subscriber, CONDUIT_RING_FOREVER) == -ECANCELED);
-        else CHECK(conduit_ring_subscriber_read(subscriber, message, CONDUIT_RING_FOREVER, &event) == -ECANCELED);
+        if (way == 0)
+            CHECK(conduit_ring_subscriber_wait(subscriber, CONDUIT_RING_FOREVER) == -ECANCELED);
+        else
+            CHECK(conduit_ring_subscriber_read(subscriber, message, CONDUIT_RING_FOREVER, &event)
+                == -ECANCELED);
         CHECK(pthread_join(thread, NULL) == 0);
     }
     publish(publisher, "x");
@@ -384,7 +409,7 @@ static void waiting_ends_in_time_and_by_the_waker(void) {
 }
 
 static void *wait_for_ever(void *subscriber) {
-    // Whoever waits until this thread is here may be using the subscriber at that moment.
+    // The main thread may be using the subscriber at this moment, while it waits for this thread.
     int status;
     do status = conduit_ring_subscriber_wait(subscriber, CONDUIT_RING_FOREVER);
     while (status == -EALREADY);
@@ -392,7 +417,7 @@ static void *wait_for_ever(void *subscriber) {
     return NULL;
 }
 
-static void a_second_thread_is_refused_by_a_subscriber(void) {
+static void a_subscriber_in_use_by_another_thread_is_an_error(void) {
     conduit_ring_publisher *publisher = publisher_of(4, 64);
     conduit_ring_subscriber *subscriber = subscriber_of(0, 0, 0);
     conduit_ring_waker *waker;
@@ -410,19 +435,21 @@ static void a_second_thread_is_refused_by_a_subscriber(void) {
     conduit_ring_publisher_close(publisher);
 }
 
-static void a_topic_can_be_looked_at_from_outside(void) {
+static void a_topic_can_be_inspected_from_outside(void) {
     conduit_ring_publisher *publisher = publisher_of(8, 256);
     conduit_ring_subscriber *subscriber = subscriber_of(0, 0, 0);
     publish(publisher, "x");
     conduit_ring_info info;
     CHECK(conduit_ring_topic_info(topic, &info) == 0);
-    CHECK(info.state == CONDUIT_RING_STATE_LIVE && info.published == 1 && info.writer_pid == (uint32_t)getpid());
+    CHECK(info.state == CONDUIT_RING_STATE_LIVE && info.published == 1
+        && info.writer_pid == (uint32_t)getpid());
     CHECK(info.geometry.slot_count == 8 && info.geometry.slot_size_bytes == 256);
     CHECK(info.max_message_size_bytes == 256 - CONDUIT_RING_SLOT_HEADER_BYTES);
     CHECK(info.content_tag == conduit_ring_content_tag("text/plain") && info.instance_id != 0);
     CHECK(info.reader_count == 1 && info.readers[0].pid == (uint32_t)getpid());
     CHECK(info.readers[0].is_native && info.readers[0].is_alive && !info.readers[0].is_waiting);
-    CHECK(info.readers[0].index == 0 && info.readers[0].next_sequence == 0 && info.readers[0].lost == 0);
+    CHECK(info.readers[0].index == 0 && info.readers[0].next_sequence == 0
+        && info.readers[0].lost == 0);
     CHECK(info.last_publish_ns > 0 && info.realtime_offset_ns > 0);
     CHECK(info.dropped_pinned == 0 && info.rejected_oversize == 0 && info.wake_count == 0);
     CHECK(conduit_ring_content_tag(NULL) == 0);
@@ -431,7 +458,7 @@ static void a_topic_can_be_looked_at_from_outside(void) {
     conduit_ring_publisher_close(publisher);
 }
 
-static void what_is_too_large_is_counted_by_the_size_as_given(void) {
+static void messages_over_the_given_size_are_rejected_and_counted(void) {
     conduit_ring_geometry geometry;
     CHECK(conduit_ring_geometry_slots(4, 2100000, &geometry) == 0);
     CHECK(geometry.slot_count == 4 && geometry.slot_size_bytes == 2100000);
@@ -445,7 +472,8 @@ static void what_is_too_large_is_counted_by_the_size_as_given(void) {
     for (int life = 0; life < 2; ++life) {
         conduit_ring_publisher *publisher = publisher_of(4, 4100);
         CHECK(conduit_ring_publisher_publish(publisher, message, 4080, NULL) == 0);
-        FAILS(EMSGSIZE, "4081 bytes and a slot holds 4080", conduit_ring_publisher_publish(publisher, message, 4081, NULL));
+        FAILS(EMSGSIZE, "4081 bytes and a slot holds 4080",
+            conduit_ring_publisher_publish(publisher, message, 4081, NULL));
         CHECK(conduit_ring_publisher_info(publisher, &info) == 0);
         CHECK(info.max_message_size_bytes == 4080 && info.geometry.slot_size_bytes == 4160);
         if (life == 0) conduit_ring_publisher_abandon(publisher);
@@ -460,7 +488,8 @@ static void the_clock_is_the_one_that_stamps_messages(void) {
     const uint64_t between = (uint64_t)now.tv_sec * 1000 * MS + (uint64_t)now.tv_nsec;
     CHECK(before <= between && between <= conduit_ring_clock_now_ns());
     CHECK(clock_gettime(CLOCK_REALTIME, &now) == 0);
-    const int64_t wall_s = ((int64_t)conduit_ring_clock_now_ns() + conduit_ring_clock_realtime_offset_ns()) / 1000000000;
+    const int64_t offset_ns = conduit_ring_clock_realtime_offset_ns();
+    const int64_t wall_s = ((int64_t)conduit_ring_clock_now_ns() + offset_ns) / 1000000000;
     CHECK(wall_s - now.tv_sec < 60 && now.tv_sec - wall_s < 60);
 }
 
@@ -479,15 +508,18 @@ static void a_lease_keeps_a_message_in_its_slot_until_it_is_released(void) {
     conduit_ring_subscriber *subscriber = subscriber_of(0, 0, 0);
     uint32_t event;
     conduit_ring_lease *lease;
-    CHECK(conduit_ring_subscriber_lease(subscriber, 0, &lease, &event) == -ETIMEDOUT && lease == NULL);
-    CHECK(conduit_ring_subscriber_lease(subscriber, MS, &lease, &event) == -ETIMEDOUT && lease == NULL);
+    CHECK(conduit_ring_subscriber_lease(subscriber, 0, &lease, &event) == -ETIMEDOUT
+        && lease == NULL);
+    CHECK(conduit_ring_subscriber_lease(subscriber, MS, &lease, &event) == -ETIMEDOUT
+        && lease == NULL);
     publish(publisher, "first");
     conduit_ring_lease_release(lease_of_next(subscriber, "first"));
 
     publish(publisher, "held");
     lease = lease_of_next(subscriber, "held");
     CHECK(conduit_ring_lease_holds_slot(lease));
-    CHECK(conduit_ring_lease_meta(lease).sequence == 1 && conduit_ring_lease_meta(lease).lost == 0);
+    CHECK(conduit_ring_lease_meta(lease).sequence == 1
+        && conduit_ring_lease_meta(lease).lost == 0);
     for (int i = 0; i < 3; ++i) publish(publisher, "other");
     uint64_t sequence;
     CHECK(conduit_ring_publisher_publish(publisher, "x", 1, &sequence) == 0 && sequence == 6);
@@ -495,12 +527,13 @@ static void a_lease_keeps_a_message_in_its_slot_until_it_is_released(void) {
     conduit_ring_lease_release(lease);
     publish(publisher, "after");
     conduit_ring_info info;
-    CHECK(conduit_ring_publisher_info(publisher, &info) == 0 && info.dropped_pinned == 1 && info.published == 8);
+    CHECK(conduit_ring_publisher_info(publisher, &info) == 0 && info.dropped_pinned == 1
+        && info.published == 8);
     conduit_ring_subscriber_close(subscriber);
     conduit_ring_publisher_close(publisher);
 }
 
-static void a_fourth_lease_is_refused_and_its_message_kept(void) {
+static void a_fourth_lease_is_an_error_and_its_message_is_kept(void) {
     conduit_ring_publisher *publisher = publisher_of(16, 64);
     conduit_ring_subscriber *subscriber = subscriber_of(0, 0, 0);
     const char *const texts[] = {"one", "two", "three"};
@@ -522,7 +555,7 @@ static void a_fourth_lease_is_refused_and_its_message_kept(void) {
     conduit_ring_publisher_close(publisher);
 }
 
-static void a_lease_tells_events_and_begins_with_the_message_that_was_kept(void) {
+static void a_lease_returns_events_and_starts_with_the_kept_message(void) {
     conduit_ring_subscriber *subscriber = subscriber_of(0, 0, 0);
     conduit_ring_publisher *publisher = publisher_of(16, 64);
     uint32_t event;
@@ -533,7 +566,8 @@ static void a_lease_tells_events_and_begins_with_the_message_that_was_kept(void)
     publish(publisher, "next");
     char bytes[4];
     conduit_ring_meta meta;
-    FAILS(ENOBUFS, "is kept", conduit_ring_subscriber_try_read_into(subscriber, bytes, 4, &meta, &event));
+    FAILS(ENOBUFS, "is kept",
+        conduit_ring_subscriber_try_read_into(subscriber, bytes, 4, &meta, &event));
     lease = lease_of_next(subscriber, "too long for it");
     CHECK(!conduit_ring_lease_holds_slot(lease) && conduit_ring_lease_meta(lease).sequence == 0);
     conduit_ring_lease_release(lease);
@@ -559,7 +593,7 @@ static void a_loan_is_published_when_it_is_committed(void) {
     FAILS(EALREADY, "loan", conduit_ring_publisher_publish(publisher, "x", 1, NULL));
     FAILS(EALREADY, "loan", conduit_ring_publisher_publish_parts(publisher, NULL, 0, NULL));
     FAILS(EALREADY, "loan", conduit_ring_publisher_loan(publisher, 1, &second));
-    FAILS(EINVAL, "45 bytes cannot be committed of a loan of 44", conduit_ring_publisher_commit(publisher, 45, NULL));
+    FAILS(EINVAL, "44 bytes, got: 45", conduit_ring_publisher_commit(publisher, 45, NULL));
     CHECK(conduit_ring_publisher_commit(publisher, 8, &sequence) == 0 && sequence == 0);
     expect_event(subscriber, message, CONDUIT_RING_EVENT_MESSAGE);
     expect_text(message, "in place");
@@ -572,7 +606,8 @@ static void a_loan_is_published_when_it_is_committed(void) {
     publish(publisher, "instead");
     expect_event(subscriber, message, CONDUIT_RING_EVENT_MESSAGE);
     expect_text(message, "instead");
-    CHECK(conduit_ring_message_meta(message).sequence == 1 && conduit_ring_message_meta(message).lost == 0);
+    CHECK(conduit_ring_message_meta(message).sequence == 1
+        && conduit_ring_message_meta(message).lost == 0);
 
     CHECK(conduit_ring_publisher_loan(publisher, 0, &data) == 0);
     CHECK(conduit_ring_publisher_commit(publisher, 0, &sequence) == 0 && sequence == 2);
@@ -582,13 +617,14 @@ static void a_loan_is_published_when_it_is_committed(void) {
     conduit_ring_subscriber_close(subscriber);
 }
 
-static void an_ended_publisher_keeps_its_loan_and_refuses_everything(void) {
+static void an_ended_publisher_keeps_its_loan_and_fails_all_calls(void) {
     conduit_ring_publisher *publisher = publisher_of(4, 64);
     conduit_ring_info info;
     void *data, *second;
     FAILS(EINVAL, "NULL", conduit_ring_publisher_end(NULL));
     CHECK(conduit_ring_publisher_loan(publisher, 8, &data) == 0);
-    CHECK(conduit_ring_publisher_end(publisher) == 0 && conduit_ring_publisher_end(publisher) == 0);
+    CHECK(conduit_ring_publisher_end(publisher) == 0
+        && conduit_ring_publisher_end(publisher) == 0);
     memset(data, 'x', 8);
     FAILS(ESHUTDOWN, "ended its topic", conduit_ring_publisher_commit(publisher, 8, NULL));
     FAILS(ESHUTDOWN, "ended its topic", conduit_ring_publisher_publish(publisher, "x", 1, NULL));
@@ -603,7 +639,7 @@ static void an_ended_publisher_keeps_its_loan_and_refuses_everything(void) {
     conduit_ring_publisher_close(next);
 }
 
-static void a_publisher_without_a_thread_is_looked_after_by_its_owner(void) {
+static void a_publisher_without_a_thread_is_checked_by_its_owner(void) {
     conduit_ring_publisher_options options = CONDUIT_RING_PUBLISHER_OPTIONS_INIT;
     conduit_ring_publisher *publisher, *other;
     char path[300];
@@ -624,7 +660,8 @@ static void a_publisher_without_a_thread_is_looked_after_by_its_owner(void) {
     CHECK(conduit_ring_publisher_cancel(publisher) == 0);
     CHECK(conduit_ring_publisher_open(topic, &options, &other) == 0);
     FAILS(ESTALE, "publishes this topic", conduit_ring_publisher_look_after(publisher));
-    FAILS(ESTALE, "publishes this topic", conduit_ring_publisher_publish(publisher, "x", 1, NULL));
+    FAILS(ESTALE, "publishes this topic",
+        conduit_ring_publisher_publish(publisher, "x", 1, NULL));
     FAILS(ESTALE, "publishes this topic", conduit_ring_publisher_loan(publisher, 1, &data));
 
     conduit_ring_publisher_close(other);
@@ -635,7 +672,7 @@ static void a_publisher_without_a_thread_is_looked_after_by_its_owner(void) {
     CHECK(access(path, F_OK) != 0);
 }
 
-static void a_guarded_subscriber_survives_a_file_that_is_cut_off(void) {
+static void a_guarded_subscriber_survives_a_truncated_file(void) {
     conduit_ring_publisher *publisher = publisher_of(4, 8192);
     conduit_ring_subscriber_options options = CONDUIT_RING_SUBSCRIBER_OPTIONS_INIT;
     options.guard = CONDUIT_RING_GUARD_ALWAYS;
@@ -665,7 +702,7 @@ static void a_guarded_subscriber_survives_a_file_that_is_cut_off(void) {
     conduit_ring_subscriber_close(subscriber);
 }
 
-/* Where two files of the same content differ, as the dumps say. */
+/* The bytes in which two files of the same content differ, according to the dumps. */
 static const size_t VARIES[][2] = {{32, 48}, {80, 84}, {88, 104}, {1228, 1236}, {1292, 1300}};
 
 static void expect_segment(const char *path, const char *name) {
@@ -681,7 +718,7 @@ static void expect_segment(const char *path, const char *name) {
     CHECK(memcmp(shown, found, size) == 0);
 }
 
-static void a_segment_is_made_and_read_as_the_wire_format_says(void) {
+static void a_segment_is_written_and_read_as_in_the_wire_format(void) {
     char path[300];
     snprintf(path, sizeof path, "/dev/shm/conduit_%s", topic);
     conduit_ring_publisher *publisher = publisher_of(2, 64);
@@ -698,12 +735,15 @@ static void a_segment_is_made_and_read_as_the_wire_format_says(void) {
     CHECK(file != NULL && fwrite(shown, 1, size, file) == size && fclose(file) == 0);
     conduit_ring_info info;
     CHECK(conduit_ring_topic_info(topic, &info) == 0);
-    CHECK(info.geometry.slot_count == 2 && info.geometry.slot_size_bytes == 64 && info.published == 3);
+    CHECK(info.geometry.slot_count == 2 && info.geometry.slot_size_bytes == 64
+        && info.published == 3);
     CHECK(info.state == CONDUIT_RING_STATE_DEAD && info.writer_pid == 12345);
-    CHECK(info.instance_id == UINT64_C(0x0123456789abcdef) && info.last_publish_ns == UINT64_C(1234567890123456789));
+    CHECK(info.instance_id == UINT64_C(0x0123456789abcdef)
+        && info.last_publish_ns == UINT64_C(1234567890123456789));
     CHECK(info.content_tag == conduit_ring_content_tag("text/plain"));
 
-    conduit_ring_subscriber *subscriber = subscriber_of(CONDUIT_RING_START_HISTORY, 16, CONDUIT_RING_POLICY_ALL);
+    conduit_ring_subscriber *subscriber =
+        subscriber_of(CONDUIT_RING_START_HISTORY, 16, CONDUIT_RING_POLICY_ALL);
     conduit_ring_message *message = message_of_nothing();
     expect_event(subscriber, message, CONDUIT_RING_EVENT_MESSAGE);
     expect_text(message, "message1");
@@ -720,27 +760,27 @@ static const struct {
     const char *name;
     void (*run)(void);
 } CASES[] = {
-    CASE(every_null_and_every_wrong_value_is_refused_with_a_sentence),
-    CASE(options_of_another_version_are_refused),
+    CASE(every_null_and_every_invalid_value_is_an_error_with_a_message),
+    CASE(options_of_another_version_are_an_error),
     CASE(messages_of_one_part_and_of_many_arrive_whole),
-    CASE(a_message_that_does_not_fit_is_refused_and_counted),
+    CASE(a_message_that_does_not_fit_is_rejected_and_counted),
     CASE(a_message_too_large_for_the_callers_buffer_is_kept),
-    CASE(a_publishers_coming_and_going_are_events),
+    CASE(a_publishers_start_and_end_are_events),
     CASE(an_abandoned_topic_is_taken_over_at_the_same_number),
     CASE(history_latest_and_losses),
     CASE(waiting_ends_in_time_and_by_the_waker),
-    CASE(a_second_thread_is_refused_by_a_subscriber),
-    CASE(a_topic_can_be_looked_at_from_outside),
-    CASE(what_is_too_large_is_counted_by_the_size_as_given),
+    CASE(a_subscriber_in_use_by_another_thread_is_an_error),
+    CASE(a_topic_can_be_inspected_from_outside),
+    CASE(messages_over_the_given_size_are_rejected_and_counted),
     CASE(the_clock_is_the_one_that_stamps_messages),
     CASE(a_lease_keeps_a_message_in_its_slot_until_it_is_released),
-    CASE(a_fourth_lease_is_refused_and_its_message_kept),
-    CASE(a_lease_tells_events_and_begins_with_the_message_that_was_kept),
+    CASE(a_fourth_lease_is_an_error_and_its_message_is_kept),
+    CASE(a_lease_returns_events_and_starts_with_the_kept_message),
     CASE(a_loan_is_published_when_it_is_committed),
-    CASE(an_ended_publisher_keeps_its_loan_and_refuses_everything),
-    CASE(a_publisher_without_a_thread_is_looked_after_by_its_owner),
-    CASE(a_guarded_subscriber_survives_a_file_that_is_cut_off),
-    CASE(a_segment_is_made_and_read_as_the_wire_format_says),
+    CASE(an_ended_publisher_keeps_its_loan_and_fails_all_calls),
+    CASE(a_publisher_without_a_thread_is_checked_by_its_owner),
+    CASE(a_guarded_subscriber_survives_a_truncated_file),
+    CASE(a_segment_is_written_and_read_as_in_the_wire_format),
 };
 
 int main(int argc, char **argv) {

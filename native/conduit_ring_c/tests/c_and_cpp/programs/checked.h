@@ -1,8 +1,8 @@
 /*
- * Messages that prove themselves, for C and C++; tests/c_and_cpp/exchange.rs has the same in Rust.
+ * Messages with a checksum, for C and C++; tests/c_and_cpp/exchange.rs has the same in Rust.
  *
- * Message n has 16 + (n * 2654435761 mod 2^32) mod 3000 bytes: its number, FNV-1a of all that follows, and then bytes
- * that follow from the number.
+ * Message n has 16 + (n * 2654435761 mod 2^32) mod 3000 bytes: its number, the FNV-1a hash of all
+ * later bytes, and bytes that depend on the number.
  */
 #ifndef CHECKED_H
 #define CHECKED_H
@@ -32,7 +32,7 @@ static inline size_t checked_fill(unsigned char *to, uint64_t n) {
     return size;
 }
 
-/* 1 if the message is whole; *n is its number. */
+/* Returns 1 if the message is complete, and sets *n to its number. */
 static inline int checked_is_whole(const void *data, size_t size, uint64_t *n) {
     const unsigned char *bytes = (const unsigned char *)data;
     uint64_t hash;

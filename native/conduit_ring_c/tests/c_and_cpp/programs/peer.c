@@ -1,5 +1,6 @@
 /*
- * usage: peer publish TOPIC COUNT    prints "open", waits for a line, publishes messages 0..COUNT, waits for the end of input
+ * usage: peer publish TOPIC COUNT    prints "open", waits for a line, publishes messages
+ *                                    0..COUNT, waits for the end of input
  *        peer subscribe TOPIC COUNT  prints "ready", reads messages 0..COUNT, prints "whole"
  */
 #include <inttypes.h>
@@ -34,7 +35,8 @@ static void publish(const char *topic, uint64_t count) {
         const size_t size = checked_fill(message, n);
         const conduit_ring_part parts[] = {{message, 16}, {message + 16, size - 16}};
         uint64_t sequence;
-        check(conduit_ring_publisher_publish_parts(publisher, parts, 2, &sequence) == 0, "publish");
+        check(conduit_ring_publisher_publish_parts(publisher, parts, 2, &sequence) == 0,
+            "publish");
         check(sequence == n, "sequence");
     }
     while (getchar() != EOF) {
@@ -50,7 +52,8 @@ static void subscribe(const char *topic, uint64_t count) {
     say("ready");
     for (uint64_t expected = 0; expected < count; ++expected) {
         uint32_t event;
-        check(conduit_ring_subscriber_read(subscriber, message, CONDUIT_RING_FOREVER, &event) == 0, "read");
+        check(conduit_ring_subscriber_read(subscriber, message, CONDUIT_RING_FOREVER, &event)
+            == 0, "read");
         check(event == CONDUIT_RING_EVENT_MESSAGE, "a message, no other event");
         const conduit_ring_meta meta = conduit_ring_message_meta(message);
         uint64_t n = 0;

@@ -1,10 +1,11 @@
-// usage: peer publish TOPIC COUNT    prints "open", waits for a line, publishes messages 0..COUNT, waits for the end of input
+// usage: peer publish TOPIC COUNT    prints "open", waits for a line, publishes messages
+//                                    0..COUNT, waits for the end of input
 //        peer subscribe TOPIC COUNT  prints "ready", reads messages 0..COUNT, prints "whole"
-//        peer flood TOPIC 0          publishes without end, message n being number n of the ring
-//        peer follow TOPIC COUNT     prints "ready", "following" after the first message and "whole" after COUNT, whatever
-//                                    becomes of their publisher
-//        peer node TOPIC 0           a node with loops and subscriptions: prints "running", and
-//                                    "joined", and how many threads are left, when run() has returned
+//        peer flood TOPIC 0          publishes without end; message n has sequence number n
+//        peer follow TOPIC COUNT     prints "ready", "following" after the first message and
+//                                    "whole" after COUNT, across restarts of the publisher
+//        peer node TOPIC 0           a node with loops and subscriptions: prints "running"; when
+//                                    run() has returned, "joined" and the number of threads left
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -57,7 +58,8 @@ void subscribe(const std::string& topic, std::uint64_t count) {
   say("ready");
   for (std::uint64_t expected = 0; expected < count; ++expected) {
     const Message message = subscriber.wait();
-    check(number_of(message) == expected && message.sequence() == expected && message.lost() == 0, "not the next one");
+    check(number_of(message) == expected && message.sequence() == expected
+        && message.lost() == 0, "not the next one");
   }
   say("whole");
 }
@@ -79,7 +81,8 @@ void follow(const std::string& topic, std::uint64_t count) {
   for (std::uint64_t i = 0; i < count; ++i) {
     const Message message = subscriber.wait();
     check(number_of(message) == message.sequence(), "the sequence number of another message");
-    check(i == 0 || message.sequence() == next + message.lost(), "a number used twice, or a loss that is not told");
+    check(i == 0 || message.sequence() == next + message.lost(),
+        "a number used twice, or a loss that is not told");
     next = message.sequence() + 1;
     if (i == 0) say("following");
   }

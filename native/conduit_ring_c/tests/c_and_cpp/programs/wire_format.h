@@ -1,7 +1,7 @@
 /*
  * The dumps of docs/wire-format.md, for C and C++; WIRE_FORMAT is the page's path.
  *
- * In a dump, 00*4 is four times a byte; from # to the end of a line is comment.
+ * In a dump, 00*4 repeats a byte four times, and # starts a comment.
  */
 #ifndef WIRE_FORMAT_H
 #define WIRE_FORMAT_H
@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The bytes of the dump with this name, how many they are. A dump that is not there, or not one, ends the program. */
+/* Reads the dump with this name and returns its size. Exits if it is missing or malformed. */
 static inline size_t wire_format_read(const char *name, unsigned char *to, size_t capacity) {
     FILE *page = fopen(WIRE_FORMAT, "r");
     char line[1024];
