@@ -1,4 +1,4 @@
-//! The bytes of Python's objects, in and out.
+//! The bytes of Python objects, in both directions.
 
 use std::ffi::{CStr, c_int};
 use std::marker::PhantomData;
@@ -9,42 +9,44 @@ use pyo3::ffi;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyString};
 
-/// The bytes of an argument, held as long as this lives.
+/// The bytes of an argument, kept valid for as long as this value lives.
 pub(crate) enum Bytes<'py> {
     Plain(Bound<'py, PyBytes>),
     Lent(Lent<'py>),
 }
 
 impl<'py> Bytes<'py> {
-    /// Of anything with the buffer protocol whose bytes lie one behind the other.
+    /// Borrows the bytes of a contiguous object with the buffer protocol.
     pub(crate) fn of(object: &Bound<'py, PyAny>) -> PyResult<Bytes<'py>> {
         if let Ok(bytes) = object.cast::<PyBytes>() {
             return Ok(Bytes::Plain(bytes.clone()));
         }
-        let lent = Lent::by(object).map_err(|error| refused(object, error))?;
+        let lent = Lent::by(object).map_err(|error| to_error(object, error))?;
         if has_objects(lent.format()) {
             return Err(PyTypeError::new_err(
-                "Python objects have no bytes that another process could read",
+                "expected a buffer of plain bytes, got: one with references to Python objects",
             ));
         }
         Ok(Bytes::Lent(lent))
     }
 
-    /// The bytes.
+    /// Returns the bytes.
     ///
     /// # Safety
-    /// Nobody writes to them while the slice is in use. Python does not hold a caller to that who publishes from one
-    /// thread what another one is writing: what is published then is a mixture, as with any extension that reads a buffer.
+    /// No thread writes to the bytes while the slice is in use. Python does not enforce this: a
+    /// caller that publishes an object while another thread writes to it publishes a mixture, as
+    /// with any extension that reads a buffer.
     pub(crate) unsafe fn as_slice(&self) -> &[u8] {
         match self {
             Bytes::Plain(bytes) => bytes.as_bytes(),
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller guarantees it.
             Bytes::Lent(lent) => unsafe { lent.as_slice() },
         }
     }
 }
 
-/// A buffer that an object lends. PyO3's own refuses those without a dimension, which structures of ctypes have.
+/// A buffer that an object lends. PyO3's own type does not support buffers without a dimension,
+/// such as structures of ctypes.
 pub(crate) struct Lent<'py> {
     view: Box<ffi::Py_buffer>,
     py: PhantomData<Python<'py>>,
@@ -54,7 +56,7 @@ impl<'py> Lent<'py> {
     fn by(object: &Bound<'py, PyAny>) -> PyResult<Lent<'py>> {
         let mut view = Box::new(ffi::Py_buffer::new());
         let flags = ffi::PyBUF_C_CONTIGUOUS | ffi::PyBUF_FORMAT;
-        // SAFETY: attached to Python; the view does not move until it is released.
+        // SAFETY: this thread is attached to Python; the view does not move until its release.
         let status = unsafe { ffi::PyObject_GetBuffer(object.as_ptr(), &raw mut *view, flags) };
         if status != 0 {
             return Err(PyErr::fetch(object.py()));
@@ -69,39 +71,43 @@ impl<'py> Lent<'py> {
         if self.view.format.is_null() {
             return b"B";
         }
-        // SAFETY: a string of the exporter's that lives until the buffer is released.
+        // SAFETY: a string of the exporter, valid until the buffer is released.
         unsafe { CStr::from_ptr(self.view.format) }.to_bytes()
     }
 
+    /// Returns the bytes.
+    ///
     /// # Safety
-    /// As of [`Bytes::as_slice`].
+    /// As for [`Bytes::as_slice`].
     unsafe fn as_slice(&self) -> &[u8] {
         if self.view.len == 0 {
             return &[];
         }
-        // SAFETY: the exporter keeps so many contiguous bytes there until the buffer is released.
+        // SAFETY: the exporter keeps `len` contiguous bytes until the buffer is released.
         unsafe { slice::from_raw_parts(self.view.buf.cast(), self.view.len as usize) }
     }
 }
 
 impl Drop for Lent<'_> {
     fn drop(&mut self) {
-        // SAFETY: a value of this lifetime is dropped while attached to Python; the view was filled and is not used again.
+        // SAFETY: the lifetime ends while this thread is attached to Python; the view was filled
+        // and is not used again.
         unsafe { ffi::PyBuffer_Release(&raw mut *self.view) };
     }
 }
 
-/// Whether a format has references to Python objects. Names of fields stand between colons and say nothing.
+/// Returns whether a format has references to Python objects. Ignores names of fields, which are
+/// between colons.
 fn has_objects(format: &[u8]) -> bool {
     let types = format.split(|byte| *byte == b':').step_by(2);
     types.flatten().any(|byte| *byte == b'O')
 }
 
-fn refused(object: &Bound<'_, PyAny>, error: PyErr) -> PyErr {
+fn to_error(object: &Bound<'_, PyAny>, error: PyErr) -> PyErr {
     let py = object.py();
     if !error.is_instance_of::<PyTypeError>(py) {
         return PyValueError::new_err(format!(
-            "the message's bytes do not lie one behind the other ({}); numpy.ascontiguousarray makes a copy that does",
+            "expected a contiguous message ({}); copy it with numpy.ascontiguousarray",
             error.value(py)
         ));
     }
@@ -111,47 +117,50 @@ fn refused(object: &Bound<'_, PyAny>, error: PyErr) -> PyErr {
         ""
     };
     let kind = object.get_type().name();
-    let kind = kind.map_or_else(|_| "this".into(), |name| name.to_string());
+    let kind = kind.map_or_else(|_| "another object".into(), |name| name.to_string());
     PyTypeError::new_err(format!(
-        "a message is bytes, bytearray, memoryview, a numpy array or another buffer, not {kind}{hint}"
+        "expected bytes, bytearray, memoryview, a numpy array or another buffer, got: {kind}{hint}"
     ))
 }
 
-/// Shows bytes that `owner` keeps in place, for reading only.
+/// Exports bytes of `owner` as a read-only buffer.
 ///
 /// # Safety
-/// As `__getbuffer__` is called: `view` is Python's to fill. The `len` bytes from `start` stay where and as they are while `owner` lives.
-pub(crate) unsafe fn show(
+/// Called by `__getbuffer__` with its `view`. The `len` bytes from `start` neither move nor
+/// change while `owner` lives.
+pub(crate) unsafe fn export(
     owner: &Bound<'_, PyAny>,
     start: *const u8,
     len: usize,
     view: *mut ffi::Py_buffer,
     flags: c_int,
 ) -> PyResult<()> {
-    // SAFETY: as the caller promises; nobody writes to what is read-only.
+    // SAFETY: the caller guarantees it; nothing writes to a read-only buffer.
     unsafe { fill(owner, start.cast_mut(), len, READ_ONLY, view, flags) }
 }
 
 const READ_ONLY: c_int = 1;
 const WRITABLE: c_int = 0;
 
-/// Shows bytes that `owner` keeps in place, for writing too.
+/// Exports bytes of `owner` as a writable buffer.
 ///
 /// # Safety
-/// As [`show`]; and Rust looks at the bytes by no reference while `owner` lives.
-pub(crate) unsafe fn show_writable(
+/// As for [`export`]; and Rust has no reference to the bytes while `owner` lives.
+pub(crate) unsafe fn export_writable(
     owner: &Bound<'_, PyAny>,
     start: *mut u8,
     len: usize,
     view: *mut ffi::Py_buffer,
     flags: c_int,
 ) -> PyResult<()> {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller guarantees it.
     unsafe { fill(owner, start, len, WRITABLE, view, flags) }
 }
 
+/// Fills a view.
+///
 /// # Safety
-/// As [`show`] or [`show_writable`].
+/// As for [`export`] or [`export_writable`].
 unsafe fn fill(
     owner: &Bound<'_, PyAny>,
     start: *mut u8,
@@ -161,7 +170,7 @@ unsafe fn fill(
     flags: c_int,
 ) -> PyResult<()> {
     let (start, len) = (start.cast(), len as ffi::Py_ssize_t);
-    // SAFETY: the view is Python's, and takes a reference to the owner.
+    // SAFETY: the view is Python's and takes a reference to the owner.
     let status = unsafe { ffi::PyBuffer_FillInfo(view, owner.as_ptr(), start, len, access, flags) };
     if status == 0 {
         Ok(())

@@ -5,7 +5,7 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-/// The number that stands for an encoding's name in a topic: FNV-1a, 64 bits.
+/// Return the tag of an encoding's name in a topic: its 64-bit FNV-1a hash.
 ///
 /// >>> hex(content_tag("sensor_msgs/msg/Imu"))
 /// '0xffd04c1d689648a2'
@@ -15,7 +15,7 @@ pub(crate) fn content_tag(name: &str) -> u64 {
     ContentTag::of(name).value()
 }
 
-/// A name, a tag, or nothing.
+/// Converts a name, a tag or `None`.
 pub(crate) fn of_argument(content: Option<&Bound<'_, PyAny>>) -> PyResult<ContentTag> {
     let Some(content) = content else {
         return Ok(ContentTag::RAW);
@@ -28,10 +28,10 @@ pub(crate) fn of_argument(content: Option<&Bound<'_, PyAny>>) -> PyResult<Conten
         .map(ContentTag::from_value)
         .map_err(|_| {
             PyTypeError::new_err(format!(
-                "content is {}; accepted are an encoding's name, its 64-bit tag, or None",
+                "invalid content: expected an encoding's name, its 64-bit tag or None, got: {}",
                 content
                     .repr()
-                    .map_or_else(|_| "something else".into(), |text| text.to_string())
+                    .map_or_else(|_| "another object".into(), |text| text.to_string())
             ))
         })
 }

@@ -1,4 +1,4 @@
-//! The ring's errors as Python's exceptions.
+//! The ring's errors as Python exceptions.
 
 use conduit_ring::{Error, PublishError};
 use pyo3::exceptions::{PyOSError, PyValueError};
@@ -16,7 +16,8 @@ import_exception!(conduit_ring._types, MessageTooLargeError);
 import_exception!(conduit_ring._types, NameLostError);
 import_exception!(conduit_ring._types, SlotHeldError);
 
-/// The caller's mistakes become a `ValueError`, the operating system's answers an `OSError`, the rest a `RingError`.
+/// Converts an error: a mistake of the caller to a `ValueError`, an error of the operating system
+/// to an `OSError`, any other to a `RingError`.
 pub(crate) fn of_ring(error: Error) -> PyErr {
     let text = error.to_string();
     match error {
@@ -32,8 +33,8 @@ pub(crate) fn of_ring(error: Error) -> PyErr {
             source,
         } => match source.raw_os_error() {
             Some(errno) => {
-                let answer = format!("{action}: {source}");
-                PyOSError::new_err((errno, answer, path.display().to_string()))
+                let reason = format!("{action}: {source}");
+                PyOSError::new_err((errno, reason, path.display().to_string()))
             }
             None => PyOSError::new_err(text),
         },
@@ -41,7 +42,7 @@ pub(crate) fn of_ring(error: Error) -> PyErr {
     }
 }
 
-/// `trouble` is why the topic's name is lost.
+/// Converts an error of publishing. `trouble` is the reason why the topic's name is lost.
 pub(crate) fn of_publish(error: PublishError, trouble: Option<&Error>) -> PyErr {
     match error {
         PublishError::NameLost => NameLostError::new_err(match trouble {
@@ -54,6 +55,7 @@ pub(crate) fn of_publish(error: PublishError, trouble: Option<&Error>) -> PyErr 
     }
 }
 
-pub(crate) fn closed(what: &str) -> PyErr {
-    ClosedError::new_err(format!("the {what} is closed"))
+/// Returns the error for a closed object.
+pub(crate) fn closed(kind: &str) -> PyErr {
+    ClosedError::new_err(format!("{kind} is closed"))
 }

@@ -1,4 +1,4 @@
-//! Looks at topics from outside.
+//! The state of topics, read from outside.
 
 use conduit_ring::{Info, Listing, Reader, State, Topic};
 use pyo3::prelude::*;
@@ -6,7 +6,7 @@ use pyo3::types::{PyDict, PyTuple};
 
 use crate::errors;
 
-/// The names of all topics that there are, sorted: of those whose publisher died, too.
+/// Return the names of all topics, sorted, including those of dead publishers.
 #[pyfunction]
 pub(crate) fn topics() -> PyResult<Vec<String>> {
     let listing = Listing::read().map_err(errors::of_ring)?;
@@ -14,9 +14,17 @@ pub(crate) fn topics() -> PyResult<Vec<String>> {
     Ok(names.collect())
 }
 
-/// Looks at a topic without taking part: read-only, and without a reader slot.
+/// Return the state of a topic, read from outside: without writing and without a reader slot.
 ///
-/// Raises :class:`NoTopicError` if there is none of this name.
+/// Returns
+/// -------
+/// TopicInfo
+///     The state at one time.
+///
+/// Raises
+/// ------
+/// NoTopicError
+///     If the topic does not exist.
 #[pyfunction]
 #[pyo3(signature = (topic, /))]
 pub(crate) fn info<'py>(py: Python<'py>, topic: &str) -> PyResult<Bound<'py, PyAny>> {
@@ -25,7 +33,7 @@ pub(crate) fn info<'py>(py: Python<'py>, topic: &str) -> PyResult<Bound<'py, PyA
     to_python(py, &info)
 }
 
-/// As a `TopicInfo`.
+/// Converts the state to a `TopicInfo`.
 pub(crate) fn to_python<'py>(py: Python<'py>, info: &Info) -> PyResult<Bound<'py, PyAny>> {
     let types = py.import("conduit_ring._types")?;
     let reader_info = types.getattr("ReaderInfo")?;

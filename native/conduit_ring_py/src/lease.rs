@@ -1,12 +1,13 @@
-//! A message lent for the length of a block.
+//! A message that is lent for reading during a `with` block.
 //!
-//! The memory belongs to a [`Held`], which whatever shows it keeps alive. When something still does at the end of the block,
-//! the ring gets its slot back and it keeps the bytes at the same address: an array that outlives the block keeps
-//! looking at its own message, never at another one.
+//! The memory belongs to a [`LeasedMemory`], which each view and array keeps alive. If one of
+//! them exists at the end of the block, the lease is detached: the ring gets its slot back, and
+//! the bytes stay at the same address. So an array that outlives the block keeps showing its own
+//! message.
 
 use std::ffi::c_int;
 use std::mem;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use conduit_ring::Meta;
 use pyo3::exceptions::PyValueError;
@@ -15,64 +16,69 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyMemoryView, PyTuple};
 
 use crate::fork::Own;
-use crate::subscriber::Subscriber;
+use crate::subscription::Subscription;
 use crate::timeout::Deadline;
 use crate::{bytes, errors, message};
 
 /// The memory of one lease.
 #[pyclass(frozen, module = "conduit_ring")]
-pub(crate) struct Held {
+pub(crate) struct LeasedMemory {
     lease: Mutex<Own<conduit_ring::Lease>>,
 }
 
 #[pymethods]
-impl Held {
+impl LeasedMemory {
     unsafe fn __getbuffer__(
         slf: Bound<'_, Self>,
         view: *mut ffi::Py_buffer,
         flags: c_int,
     ) -> PyResult<()> {
         let (start, len) = slf.get().with(|lease| (lease.as_ptr(), lease.len()));
-        // SAFETY: Python calls it; the bytes stay at this address until the object is dropped, and as they are as long as all
-        // processes that may write the topic keep to the protocol, which the documentation asks for.
-        unsafe { bytes::show(slf.as_any(), start, len, view, flags) }
+        // SAFETY: Python calls this function; the bytes stay at this address until the object is
+        // dropped. They do not change as long as all processes that may write the topic follow
+        // the protocol, which the documentation demands.
+        unsafe { bytes::export(slf.as_any(), start, len, view, flags) }
     }
 }
 
-impl Held {
-    /// Runs no Python.
-    fn with<R>(&self, act: impl FnOnce(&mut conduit_ring::Lease) -> R) -> R {
+impl LeasedMemory {
+    /// Calls `action`, which must run no Python code.
+    fn with<R>(&self, action: impl FnOnce(&mut conduit_ring::Lease) -> R) -> R {
         let mut lease = self.lease.lock().unwrap_or_else(PoisonError::into_inner);
-        act(lease.get())
+        action(lease.get())
     }
 }
 
-/// A message lent for the length of a ``with`` block, from :meth:`Subscriber.lease`.
+/// A message that is lent for a ``with`` block by :meth:`Subscriber.lease`.
 ///
-/// It is not copied: ``data`` and ``array`` look at the ring itself, and the publisher leaves the slot alone meanwhile. It does
-/// not wait: when it has gone round the ring and comes to this slot, it drops its *new* messages until the block is left. So
-/// leave it within ``slot_count - 1`` periods of the topic. A subscriber has at most three leases at once. Where no publisher
-/// would respect a hold (one without the extension, or a message that it is about to overwrite) the lease is a copy:
-/// :attr:`holds_slot` tells.
+/// The message is not copied: ``data`` and ``array`` are views of the ring, and the publisher
+/// skips the slot meanwhile. It does not wait: if leases hold all slots, it drops its *new*
+/// messages. So leave the block within ``slot_count - 1`` periods of the topic. A subscriber has
+/// at most three leases at once. If the publisher would not respect a lease (a publisher without
+/// the extension, or a message that is about to be overwritten), the lease is a copy; see
+/// :attr:`holds_slot`.
 ///
-/// At the block's end the lease is over: :attr:`data`, :meth:`array` and :meth:`tobytes` raise ``ValueError`` then, and so
-/// does a ``memoryview`` from :attr:`data`. A numpy array cannot be made to raise: one that you keep beyond the block stays
-/// what it is and never shows another message, at the cost of a copy when the block is left. So compute inside the block.
+/// The lease ends with the block. Then :attr:`data`, :meth:`array` and :meth:`tobytes` raise
+/// ``ValueError``, and so does a ``memoryview`` from :attr:`data`. A numpy array cannot raise: an
+/// array that you keep never shows another message, at the cost of a copy at the end of the
+/// block. So compute inside the block.
 #[pyclass(frozen, module = "conduit_ring")]
 pub(crate) struct Lease {
-    subscriber: Py<Subscriber>,
+    /// Keeps the subscriber open.
+    _subscriber: Py<PyAny>,
+    subscription: Arc<Subscription>,
     timeout: Option<f64>,
     stage: Mutex<Stage>,
 }
 
 enum Stage {
-    Before,
-    Held {
-        memory: Py<Held>,
+    NotEntered,
+    Leased {
+        memory: Py<LeasedMemory>,
         meta: Meta,
         views: Vec<Py<PyMemoryView>>,
     },
-    Over,
+    Ended,
 }
 
 #[pymethods]
@@ -80,37 +86,37 @@ impl Lease {
     /// As :attr:`Message.sequence`.
     #[getter]
     fn sequence(&self) -> PyResult<u64> {
-        self.held(|_, meta, _| meta.sequence)
+        self.with_leased(|_, meta, _| meta.sequence)
     }
 
     /// As :attr:`Message.timestamp_ns`.
     #[getter]
     fn timestamp_ns(&self) -> PyResult<u64> {
-        self.held(|_, meta, _| meta.timestamp_ns)
+        self.with_leased(|_, meta, _| meta.timestamp_ns)
     }
 
     /// As :attr:`Message.lost`.
     #[getter]
     fn lost(&self) -> PyResult<u64> {
-        self.held(|_, meta, _| meta.lost)
+        self.with_leased(|_, meta, _| meta.lost)
     }
 
-    /// Whether the publisher leaves a slot alone for it; otherwise it is a copy.
+    /// Whether the lease holds a slot; otherwise it is a copy.
     #[getter]
     fn holds_slot(&self) -> PyResult<bool> {
-        self.held(|memory, _, _| memory.get().with(|lease| lease.holds_slot()))
+        self.with_leased(|memory, _, _| memory.get().with(|lease| lease.holds_slot()))
     }
 
-    /// The message as a read-only ``memoryview``, which ends with the block.
+    /// The message as a read-only ``memoryview``, which is released with the block.
     #[getter]
     fn data(&self, py: Python<'_>) -> PyResult<Py<PyMemoryView>> {
         let memory = self.memory(py)?;
         let view = PyMemoryView::from(memory.bind(py).as_any())?.unbind();
-        self.held(|_, _, views| views.push(view.clone_ref(py)))?;
+        self.with_leased(|_, _, views| views.push(view.clone_ref(py)))?;
         Ok(view)
     }
 
-    /// A copy of the message, to be kept.
+    /// Return a copy of the message, which may be kept.
     fn tobytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let memory = self.memory(py)?;
         memory.get().with(|lease| {
@@ -121,8 +127,13 @@ impl Lease {
         })
     }
 
-    /// The message as a read-only numpy array, as :meth:`Message.array`, for use inside the block.
-    #[pyo3(signature = (dtype=None, shape=None, *, offset=0), text_signature = "($self, dtype='uint8', shape=None, *, offset=0)")]
+    /// Return the message as a read-only numpy array, as :meth:`Message.array` does.
+    ///
+    /// Use it inside the block.
+    #[pyo3(
+        signature = (dtype=None, shape=None, *, offset=0),
+        text_signature = "($self, dtype='uint8', shape=None, *, offset=0)"
+    )]
     fn array<'py>(
         &self,
         py: Python<'py>,
@@ -135,7 +146,7 @@ impl Lease {
     }
 
     fn __len__(&self) -> PyResult<usize> {
-        self.held(|_, meta, _| meta.len)
+        self.with_leased(|_, meta, _| meta.len)
     }
 
     fn __bool__(&self) -> bool {
@@ -143,40 +154,40 @@ impl Lease {
     }
 
     fn __enter__<'py>(slf: PyRef<'py, Self>, py: Python<'py>) -> PyResult<PyRef<'py, Self>> {
-        if !matches!(*slf.lock(), Stage::Before) {
+        if !matches!(*slf.lock(), Stage::NotEntered) {
             return Err(PyValueError::new_err(
-                "a lease is for one block; ask the subscriber for another",
+                "lease was entered already; get another one from the subscriber",
             ));
         }
-        let subscriber = slf.subscriber.get();
         let deadline = Deadline::after(slf.timeout)?;
-        let lease = subscriber.next_of(py, deadline, conduit_ring::Subscriber::try_lease)?;
+        let take = conduit_ring::Subscriber::try_lease;
+        let lease = slf.subscription.next_message(py, deadline, take)?;
         let meta = lease.meta();
-        let memory = Held {
+        let memory = LeasedMemory {
             lease: Mutex::new(Own::new(lease)),
         };
-        let held = Stage::Held {
+        let leased = Stage::Leased {
             memory: Py::new(py, memory)?,
             meta,
             views: Vec::new(),
         };
-        *slf.lock() = held;
+        *slf.lock() = leased;
         Ok(slf)
     }
 
     #[pyo3(signature = (*_exception))]
     fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, PyTuple>) -> PyResult<()> {
-        let stage = mem::replace(&mut *self.lock(), Stage::Over);
-        let Stage::Held { memory, views, .. } = stage else {
+        let stage = mem::replace(&mut *self.lock(), Stage::Ended);
+        let Stage::Leased { memory, views, .. } = stage else {
             return Ok(());
         };
         for view in views {
-            // Refused while something looks through it: that keeps the memory.
+            // Fails while another object uses the view, which keeps the memory.
             let _ = view.call_method0(py, "release");
         }
-        // SAFETY: an object that is held here, while attached to Python.
-        let is_shown = unsafe { ffi::Py_REFCNT(memory.as_ptr()) } > 1;
-        if is_shown {
+        // SAFETY: `memory` keeps the object alive, and this thread is attached to Python.
+        let is_used = unsafe { ffi::Py_REFCNT(memory.as_ptr()) } > 1;
+        if is_used {
             let detached = py.detach(|| memory.get().with(conduit_ring::Lease::detach));
             detached.map_err(errors::of_ring)?;
         }
@@ -185,47 +196,52 @@ impl Lease {
 
     fn __repr__(&self) -> String {
         match &*self.lock() {
-            Stage::Before => "<Lease, not begun>".to_owned(),
-            Stage::Held { meta, .. } => format!(
+            Stage::NotEntered => "<Lease, not entered>".to_owned(),
+            Stage::Leased { meta, .. } => format!(
                 "<Lease of message {} of {} bytes, lost={}>",
                 meta.sequence, meta.len, meta.lost
             ),
-            Stage::Over => "<Lease, over>".to_owned(),
+            Stage::Ended => "<Lease, ended>".to_owned(),
         }
     }
 }
 
 impl Lease {
-    pub(crate) fn of(subscriber: Py<Subscriber>, timeout: Option<f64>) -> Lease {
+    pub(crate) fn new(
+        subscriber: Py<PyAny>,
+        subscription: Arc<Subscription>,
+        timeout: Option<f64>,
+    ) -> Lease {
         Lease {
-            subscriber,
+            _subscriber: subscriber,
+            subscription,
             timeout,
-            stage: Mutex::new(Stage::Before),
+            stage: Mutex::new(Stage::NotEntered),
         }
     }
 
-    fn memory(&self, py: Python<'_>) -> PyResult<Py<Held>> {
-        self.held(|memory, _, _| memory.clone_ref(py))
+    fn memory(&self, py: Python<'_>) -> PyResult<Py<LeasedMemory>> {
+        self.with_leased(|memory, _, _| memory.clone_ref(py))
     }
 
-    fn held<R>(
+    fn with_leased<R>(
         &self,
-        act: impl FnOnce(&Py<Held>, &Meta, &mut Vec<Py<PyMemoryView>>) -> R,
+        action: impl FnOnce(&Py<LeasedMemory>, &Meta, &mut Vec<Py<PyMemoryView>>) -> R,
     ) -> PyResult<R> {
         match &mut *self.lock() {
-            Stage::Held {
+            Stage::Leased {
                 memory,
                 meta,
                 views,
-            } => Ok(act(memory, meta, views)),
-            Stage::Before => Err(PyValueError::new_err("a lease is used in a with block")),
-            Stage::Over => Err(PyValueError::new_err(
-                "the lease is over: its block was left",
+            } => Ok(action(memory, meta, views)),
+            Stage::NotEntered => Err(PyValueError::new_err(
+                "lease is not entered; use it in a with block",
             )),
+            Stage::Ended => Err(PyValueError::new_err("lease has ended with its block")),
         }
     }
 
-    /// Held for moments, in which no Python runs.
+    /// Locks the stage. No Python code runs while the lock is held.
     fn lock(&self) -> MutexGuard<'_, Stage> {
         self.stage.lock().unwrap_or_else(PoisonError::into_inner)
     }

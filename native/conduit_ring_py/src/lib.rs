@@ -1,4 +1,5 @@
-//! The native half of the Python package `conduit_ring`: Python's objects ⇄ the ring, no protocol.
+//! The native half of the Python package `conduit_ring`. It converts Python's objects; the crate
+//! `conduit_ring` implements the protocol.
 
 mod bytes;
 mod content;
@@ -8,11 +9,13 @@ mod info;
 mod lease;
 mod loan;
 mod message;
+mod publication;
 mod publisher;
 mod subscriber;
+mod subscription;
 mod timeout;
 
-/// What `conduit_ring/__init__.py` gathers.
+/// The module that `conduit_ring/__init__.py` imports.
 #[pyo3::pymodule]
 mod _native {
     use pyo3::prelude::*;
@@ -29,15 +32,18 @@ mod _native {
         subscriber::{Events, Subscriber},
     };
 
-    /// Now, in nanoseconds, on the clock that stamps every message (CLOCK_MONOTONIC_RAW).
+    /// Return the time of the clock that stamps messages (CLOCK_MONOTONIC_RAW), in nanoseconds.
     ///
-    /// It never steps, and all processes of one machine share it: ``now_ns() - message.timestamp_ns`` is a message's age.
+    /// The clock never steps and is the same for all processes of a machine: ``now_ns() -
+    /// message.timestamp_ns`` is a message's age.
     #[pyfunction]
     fn now_ns() -> u64 {
         conduit_ring::clock::now_ns()
     }
 
-    /// What to add to :func:`now_ns` to get wall time (nanoseconds since 1970), as of now: wall time steps.
+    /// Return the current difference from :func:`now_ns` to wall time (nanoseconds since 1970).
+    ///
+    /// It changes when wall time is set.
     #[pyfunction]
     fn realtime_offset_ns() -> i64 {
         conduit_ring::clock::realtime_offset_ns()

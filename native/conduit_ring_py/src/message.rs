@@ -1,4 +1,4 @@
-//! One message, the reader's own copy.
+//! A message as the reader's own copy.
 
 use std::ffi::c_int;
 
@@ -9,10 +9,11 @@ use pyo3::types::{PyBytes, PyMemoryView};
 
 use crate::bytes;
 
-/// One message: your own copy, which stays what it is as long as you keep it.
+/// A message: your own copy, which does not change as long as you keep it.
 ///
-/// It is a read-only buffer, so ``bytes(message)``, ``memoryview(message)``, ``numpy.frombuffer(message)``,
-/// ``struct.unpack_from(format, message)`` and ``file.write(message)`` all work on it; only ``bytes()`` copies.
+/// A message is a read-only buffer, so ``bytes(message)``, ``memoryview(message)``,
+/// ``numpy.frombuffer(message)``, ``struct.unpack_from(format, message)`` and
+/// ``file.write(message)`` all work; only ``bytes()`` copies.
 #[pyclass(frozen, module = "conduit_ring")]
 pub(crate) struct Message {
     pub(crate) bytes: Vec<u8>,
@@ -21,43 +22,59 @@ pub(crate) struct Message {
 
 #[pymethods]
 impl Message {
-    /// Its number. The messages of a topic count from 0; a publisher that takes over a dead one's topic goes on counting.
+    /// The sequence number, which starts at 0 for a topic. A publisher that takes over a topic
+    /// continues it.
     #[getter]
     fn sequence(&self) -> u64 {
         self.meta.sequence
     }
 
-    /// When it was published, in nanoseconds of :func:`now_ns`'s clock.
+    /// The time of publication in nanoseconds of the clock of :func:`now_ns`.
     #[getter]
     fn timestamp_ns(&self) -> u64 {
         self.meta.timestamp_ns
     }
 
-    /// How many messages were lost between the one delivered before it and this one, because this subscriber was slower
-    /// than the publisher by more than the ring holds (or, with ``policy="latest"``, was skipped on purpose).
+    /// The number of messages lost between the previously delivered one and this one.
+    ///
+    /// A message is lost when the subscriber falls behind by more than the ring holds, or when
+    /// ``policy="latest"`` skips it.
     #[getter]
     fn lost(&self) -> u64 {
         self.meta.lost
     }
 
-    /// Its bytes as a read-only ``memoryview``, not copied.
+    /// The bytes as a read-only ``memoryview``, without a copy.
     #[getter]
     fn data(slf: &Bound<'_, Self>) -> PyResult<Py<PyMemoryView>> {
         PyMemoryView::from(slf.as_any()).map(Bound::unbind)
     }
 
-    /// A copy of its bytes.
+    /// Return a copy of the bytes.
     fn tobytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
         PyBytes::new(py, &self.bytes)
     }
 
-    /// Its bytes as a read-only numpy array, not copied. Needs numpy.
+    /// Return the bytes as a read-only numpy array, without a copy. Needs numpy.
     ///
-    /// ``dtype`` is whatever ``numpy.dtype`` takes, a structured type included: ``message.array(IMU)["accel"]``. Without a
-    /// ``shape`` the array has one dimension; with one it must fit exactly. ``offset`` skips bytes at the start.
+    /// Parameters
+    /// ----------
+    /// dtype : dtype_like
+    ///     Any argument of ``numpy.dtype``, including a structured type:
+    ///     ``message.array(IMU)["accel"]``.
+    /// shape : int or tuple of int, optional
+    ///     The shape, which the bytes must fit exactly. One dimension by default.
+    /// offset : int
+    ///     The number of bytes to skip at the start.
     ///
-    /// Raises ``ValueError`` if the bytes do not fit type and shape.
-    #[pyo3(signature = (dtype=None, shape=None, *, offset=0), text_signature = "($self, dtype='uint8', shape=None, *, offset=0)")]
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     If the bytes do not fit the type and shape.
+    #[pyo3(
+        signature = (dtype=None, shape=None, *, offset=0),
+        text_signature = "($self, dtype='uint8', shape=None, *, offset=0)"
+    )]
     fn array<'py>(
         slf: &Bound<'py, Self>,
         dtype: Option<Bound<'py, PyAny>>,
@@ -93,12 +110,12 @@ impl Message {
         flags: c_int,
     ) -> PyResult<()> {
         let message = &slf.get().bytes;
-        // SAFETY: Python calls it; a message's bytes never change or move.
-        unsafe { bytes::show(slf.as_any(), message.as_ptr(), message.len(), view, flags) }
+        // SAFETY: Python calls this function; a message's bytes neither change nor move.
+        unsafe { bytes::export(slf.as_any(), message.as_ptr(), message.len(), view, flags) }
     }
 }
 
-/// A numpy array over a buffer.
+/// Returns a numpy array over a buffer.
 pub(crate) fn array<'py>(
     buffer: &Bound<'py, PyAny>,
     dtype: Option<Bound<'py, PyAny>>,

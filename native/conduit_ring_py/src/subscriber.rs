@@ -1,25 +1,20 @@
 //! A topic's subscriber.
 
-use std::sync::atomic::{
-    AtomicBool, AtomicU64,
-    Ordering::{Relaxed, SeqCst},
-};
-use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::sync::Arc;
 
-use conduit_ring::{Error, Guard, Policy, Read, Received, Start, SubscriberOptions, Topic, Waker};
-use pyo3::exceptions::{PyRuntimeError, PyTimeoutError, PyValueError};
+use conduit_ring::{Error, Guard, Policy, Read, Received, Start, SubscriberOptions, Topic};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyString, PyTuple};
 
 use crate::errors::{self, ClosedError};
-use crate::fork::{Birth, Own};
 use crate::lease::Lease;
 use crate::message::Message;
+use crate::subscription::Subscription;
 use crate::timeout::Deadline;
 
-/// One reader of a topic, which need not exist yet.
+/// A subscriber of a topic, which need not exist yet.
 ///
 /// >>> with Publisher("doc.numbers") as publisher, Subscriber("doc.numbers") as subscriber:
 /// ...     _ = publisher.publish(b"one")
@@ -27,34 +22,44 @@ use crate::timeout::Deadline;
 /// ...     message.sequence, bytes(message), message.lost
 /// (0, b'one', 0)
 ///
-/// ``start`` says which messages to begin with, if the topic exists: ``"new"`` (those published from now on), ``"latest"``
-/// (the newest there is, then new ones) or ``("history", n)`` (the last n still there). A topic that comes into being later
-/// is read from its first message. ``policy`` says what to get after falling behind: ``"all"`` that is still there, in
-/// order, or only the ``"latest"``, which suits controllers and cameras.
+/// Parameters
+/// ----------
+/// topic : str
+///     The topic's name.
+/// start : {"new", "latest"} or ("history", n)
+///     The first message, if the topic exists: the next one that is published, the newest one in
+///     the ring, or the last n in the ring. A topic that does not exist yet is read from its
+///     first message.
+/// policy : {"all", "latest"}
+///     The messages to read after falling behind: all that are still in the ring, in order, or
+///     only the newest, which suits controllers and cameras.
+/// guard : {"auto", "always", "never"}
+///     Whether to read guarded, so that no other process can kill this one by truncating the
+///     topic's file (SIGBUS); a truncated file raises :class:`BadSegmentError` instead. Guarded
+///     reading needs a few system calls for each message, and leases are copies. ``"auto"``
+///     reads topics of other users guarded.
 ///
-/// ``guard`` says whether to read so that no other process can kill this one by cutting off the topic's file (SIGBUS): that is
-/// a :class:`BadSegmentError` then. It costs a few system calls a message, and leases are copies. ``"auto"`` does so for topics
-/// that belong to another user; ``"always"`` and ``"never"`` say otherwise.
+/// Raises
+/// ------
+/// NoReaderSlotError
+///     For a 17th subscriber of a topic.
+/// ValueError
+///     For an invalid argument.
 ///
-/// It outlives its publisher: when one dies or closes, it goes on with the next by itself. :meth:`recv` and iteration give
-/// messages only; :meth:`next_event` and :meth:`events` also say when the publisher goes or comes, and :attr:`publisher_up`
+/// Notes
+/// -----
+/// A subscriber outlives its publisher: when the publisher dies or closes the topic, it continues
+/// with the next one. :meth:`recv` and iteration return messages only; :meth:`next_event` and
+/// :meth:`events` also report when the publisher stops or starts, and :attr:`publisher_up`
 /// whether there is one.
 ///
-/// While it waits, other Python threads run and Ctrl-C works. One thread reads at a time; a second one gets a
-/// ``RuntimeError``. :meth:`close` may be called from any thread, and ends a wait at once.
-///
-/// Raises :class:`NoReaderSlotError` for a 17th subscriber of a topic, ``ValueError`` for a wrong argument.
+/// While it waits, other Python threads run and Ctrl-C works. One thread may read at a time; a
+/// second one gets a ``RuntimeError``. Any thread may call :meth:`close`, which ends a wait at
+/// once.
 #[pyclass(frozen, module = "conduit_ring")]
 pub(crate) struct Subscriber {
     topic: Topic,
-    birth: Birth,
-    waker: Waker,
-    inner: Mutex<Option<Own<conduit_ring::Subscriber>>>,
-    closed: AtomicBool,
-    reading: AtomicBool,
-    publisher_up: AtomicBool,
-    delivered: AtomicU64,
-    lost: AtomicU64,
+    subscription: Arc<Subscription>,
 }
 
 #[pymethods]
@@ -80,54 +85,65 @@ impl Subscriber {
             .map_err(errors::of_ring)?;
         Ok(Subscriber {
             topic,
-            birth: Birth::now(),
-            waker: subscriber.waker(),
-            publisher_up: AtomicBool::new(subscriber.publisher_up()),
-            inner: Mutex::new(Some(Own::new(subscriber))),
-            closed: AtomicBool::new(false),
-            reading: AtomicBool::new(false),
-            delivered: AtomicU64::new(0),
-            lost: AtomicU64::new(0),
+            subscription: Arc::new(Subscription::new(subscriber)),
         })
     }
 
-    /// Waits for the next message and returns it.
+    /// Wait for the next message.
     ///
-    /// ``timeout`` is in seconds; ``None`` waits for ever, 0 only looks. Raises ``TimeoutError`` when the time is up and
-    /// :class:`ClosedError` when the subscriber is closed, also by another thread. What the publisher does is passed over:
-    /// see :meth:`next_event`.
+    /// Events of the publisher are skipped; see :meth:`next_event`.
+    ///
+    /// Parameters
+    /// ----------
+    /// timeout : float, optional
+    ///     In seconds; ``None`` waits without a timeout, 0 returns at once.
+    ///
+    /// Returns
+    /// -------
+    /// Message
+    ///     The message.
+    ///
+    /// Raises
+    /// ------
+    /// TimeoutError
+    ///     After the timeout.
+    /// ClosedError
+    ///     If the subscriber is closed, even by another thread during the wait.
     #[pyo3(signature = (timeout=None))]
     fn recv(&self, py: Python<'_>, timeout: Option<f64>) -> PyResult<Message> {
-        self.next_of(py, Deadline::after(timeout)?, take_message)
+        let deadline = Deadline::after(timeout)?;
+        self.subscription.next_message(py, deadline, copy_message)
     }
 
-    /// The next message if there is one, else ``None``. Never waits.
+    /// Return the next message if there is one, otherwise ``None``. Never waits.
     fn try_read(&self, py: Python<'_>) -> PyResult<Option<Message>> {
-        let _turn = self.take_turn()?;
-        loop {
-            match self.step(py, Duration::ZERO, take_message)? {
-                Received::Message(_, message) => return Ok(Some(message)),
-                Received::Nothing => return Ok(None),
-                Received::PublisherUp | Received::PublisherDown => {}
-            }
-        }
+        self.subscription.try_message(py, copy_message)
     }
 
-    /// Waits for the next message or change of the publisher: a :class:`Message` or a :class:`PublisherEvent`.
+    /// Wait for the next message or event of the publisher.
     ///
-    /// A death is noticed within half a second, and told after the last message. Raises as :meth:`recv`.
+    /// A publisher's death is noticed within half a second and reported after its last message.
+    ///
+    /// Returns
+    /// -------
+    /// Message or PublisherEvent
+    ///     The message or event.
+    ///
+    /// Raises
+    /// ------
+    /// TimeoutError, ClosedError
+    ///     As :meth:`recv`.
     #[pyo3(signature = (timeout=None))]
     fn next_event(&self, py: Python<'_>, timeout: Option<f64>) -> PyResult<Py<PyAny>> {
         let deadline = Deadline::after(timeout)?;
-        let _turn = self.take_turn()?;
-        match self.wait(py, deadline, take_message)? {
+        match self.subscription.next_event(py, deadline, copy_message)? {
             Received::Message(_, message) => Ok(Py::new(py, message)?.into_any()),
             Received::PublisherUp => publisher_event(py, "UP"),
             _ => publisher_event(py, "DOWN"),
         }
     }
 
-    /// Iterates over messages and changes of the publisher, as :meth:`next_event` gives them, until closed.
+    /// Iterate over messages and events of the publisher until the subscriber is closed.
     ///
     /// >>> for event in subscriber.events():                              # doctest: +SKIP
     /// ...     if event is PublisherEvent.DOWN:
@@ -136,32 +152,46 @@ impl Subscriber {
         Events { subscriber: slf }
     }
 
-    /// Lends the next message for the length of a ``with`` block, where it lies in the ring: for large ones.
+    /// Lend the next message for a ``with`` block, without a copy.
+    ///
+    /// For large messages.
     ///
     /// >>> with subscriber.lease(timeout=1.0) as frame:                   # doctest: +SKIP
     /// ...     brightness = frame.array("uint8", (480, 640)).mean()
     ///
-    /// Entering the block waits as :meth:`recv` does and raises as it does, and :class:`LeaseLimitError` if three leases
-    /// are held already. See :class:`Lease` for what holds after the block.
+    /// Returns
+    /// -------
+    /// Lease
+    ///     Entering its block waits as :meth:`recv` does. See there for its state after the
+    ///     block.
+    ///
+    /// Raises
+    /// ------
+    /// LeaseLimitError
+    ///     On entering, if the subscriber holds three leases. The other exceptions are those of
+    ///     :meth:`recv`.
     #[pyo3(signature = (timeout=None))]
     fn lease(slf: Py<Self>, timeout: Option<f64>) -> PyResult<Lease> {
         Deadline::after(timeout)?;
-        Ok(Lease::of(slf, timeout))
+        let subscription = slf.get().subscription.clone();
+        Ok(Lease::new(slf.into_any(), subscription, timeout))
     }
 
-    /// What there is to know about the topic: a :class:`TopicInfo`. Raises :class:`NoTopicError` while there is none.
+    /// Return the state of the topic as a :class:`TopicInfo`.
+    ///
+    /// Raises
+    /// ------
+    /// NoTopicError
+    ///     While the topic does not exist.
     fn info<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         crate::info::info(py, self.topic.name())
     }
 
-    /// Gives up the reader slot. A wait in another thread ends at once. A second time is nothing.
+    /// Release the reader slot.
+    ///
+    /// A wait in another thread ends at once. Further calls have no effect.
     fn close(&self, py: Python<'_>) {
-        if !self.birth.is_here() {
-            return;
-        }
-        self.closed.store(true, SeqCst);
-        self.waker.wake();
-        py.detach(|| drop(self.lock().take()));
+        self.subscription.close(py);
     }
 
     /// The topic's name.
@@ -170,28 +200,28 @@ impl Subscriber {
         self.topic.name()
     }
 
-    /// Whether the topic had a live publisher when last read.
+    /// Whether the topic had a live publisher at the last read.
     #[getter]
     fn publisher_up(&self) -> bool {
-        self.publisher_up.load(Relaxed)
+        self.subscription.publisher_up()
     }
 
-    /// Messages delivered so far.
+    /// The number of delivered messages.
     #[getter]
     fn delivered(&self) -> u64 {
-        self.delivered.load(Relaxed)
+        self.subscription.delivered()
     }
 
-    /// Messages lost so far: the sum of every delivered message's ``lost``.
+    /// The number of lost messages: the sum of ``lost`` of all delivered messages.
     #[getter]
     fn lost(&self) -> u64 {
-        self.lost.load(Relaxed)
+        self.subscription.lost()
     }
 
-    /// Whether it was closed.
+    /// Whether the subscriber is closed.
     #[getter]
     fn closed(&self) -> bool {
-        self.closed.load(SeqCst) || !self.birth.is_here()
+        self.subscription.is_closed()
     }
 
     fn __iter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
@@ -225,92 +255,8 @@ impl Subscriber {
         )
     }
 }
-
-impl Subscriber {
-    /// Waits for a message and takes it by `take`.
-    pub(crate) fn next_of<T: Send>(
-        &self,
-        py: Python<'_>,
-        deadline: Deadline,
-        take: Take<T>,
-    ) -> PyResult<T> {
-        let _turn = self.take_turn()?;
-        loop {
-            if let Received::Message(_, message) = self.wait(py, deadline, take)? {
-                return Ok(message);
-            }
-        }
-    }
-
-    /// Waits for anything, in slices between which Python's signal handlers run. They may close this subscriber, so no
-    /// lock is held then.
-    fn wait<T: Send>(
-        &self,
-        py: Python<'_>,
-        deadline: Deadline,
-        take: Take<T>,
-    ) -> PyResult<Received<T>> {
-        loop {
-            let slice = deadline.slice();
-            match self.step(py, slice, take)? {
-                Received::Nothing if slice.is_zero() => {
-                    return Err(PyTimeoutError::new_err(format!(
-                        "no message on {:?} in time",
-                        self.topic.name()
-                    )));
-                }
-                Received::Nothing => py.check_signals()?,
-                received => return Ok(received),
-            }
-        }
-    }
-
-    fn step<T: Send>(
-        &self,
-        py: Python<'_>,
-        timeout: Duration,
-        take: Take<T>,
-    ) -> PyResult<Received<T>> {
-        let received = py.detach(|| {
-            let mut guard = self.lock();
-            let Some(subscriber) = guard.as_mut().filter(|_| !self.closed.load(SeqCst)) else {
-                return Ok(None);
-            };
-            let received = take_in_time(subscriber.get(), timeout, take);
-            self.publisher_up
-                .store(subscriber.get().publisher_up(), Relaxed);
-            received.map(Some)
-        });
-        let received = received
-            .map_err(errors::of_ring)?
-            .ok_or_else(|| errors::closed("subscriber"))?;
-        if let Received::Message(meta, _) = received {
-            self.delivered.fetch_add(1, Relaxed);
-            self.lost.fetch_add(meta.lost, Relaxed);
-        }
-        Ok(received)
-    }
-
-    fn take_turn(&self) -> PyResult<Turn<'_>> {
-        self.birth.check("subscriber")?;
-        if self.reading.swap(true, SeqCst) {
-            return Err(PyRuntimeError::new_err(
-                "the subscriber is being read already, by another thread or by what a signal handler interrupted",
-            ));
-        }
-        Ok(Turn(&self.reading))
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Option<Own<conduit_ring::Subscriber>>> {
-        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// How the next message is taken.
-pub(crate) type Take<T> = fn(&mut conduit_ring::Subscriber) -> Result<Received<T>, Error>;
-
-/// As a copy.
-fn take_message(subscriber: &mut conduit_ring::Subscriber) -> Result<Received<Message>, Error> {
+/// Takes the next message as a copy.
+fn copy_message(subscriber: &mut conduit_ring::Subscriber) -> Result<Received<Message>, Error> {
     let mut bytes = Vec::new();
     Ok(match subscriber.try_read(&mut bytes)? {
         Read::Message(meta) => Received::Message(meta, Message { bytes, meta }),
@@ -320,31 +266,7 @@ fn take_message(subscriber: &mut conduit_ring::Subscriber) -> Result<Received<Me
     })
 }
 
-/// Waits once, if there is nothing yet.
-fn take_in_time<T>(
-    subscriber: &mut conduit_ring::Subscriber,
-    timeout: Duration,
-    take: Take<T>,
-) -> Result<Received<T>, Error> {
-    match take(subscriber)? {
-        Received::Nothing if !timeout.is_zero() => {
-            subscriber.wait(timeout)?;
-            take(subscriber)
-        }
-        received => Ok(received),
-    }
-}
-
-/// The right of one thread to read.
-struct Turn<'a>(&'a AtomicBool);
-
-impl Drop for Turn<'_> {
-    fn drop(&mut self) {
-        self.0.store(false, SeqCst);
-    }
-}
-
-/// What :meth:`Subscriber.events` gives.
+/// The iterator of :meth:`Subscriber.events`.
 #[pyclass(frozen, module = "conduit_ring")]
 pub(crate) struct Events {
     subscriber: Py<Subscriber>,
@@ -361,7 +283,7 @@ impl Events {
     }
 }
 
-/// An iteration over a subscriber that was closed is over.
+/// Ends an iteration when the subscriber is closed.
 fn end_when_closed<T>(py: Python<'_>, result: PyResult<T>) -> PyResult<Option<T>> {
     match result {
         Err(error) if error.is_instance_of::<ClosedError>(py) => Ok(None),
@@ -391,9 +313,11 @@ fn start_of(given: &Bound<'_, PyAny>) -> PyResult<Start> {
         },
     };
     start.ok_or_else(|| {
-        let given = given.repr().map_or_else(|_| "something else".into(), |text| text.to_string());
+        let given = given.repr();
+        let given = given.map_or_else(|_| "another object".into(), |text| text.to_string());
         PyValueError::new_err(format!(
-            "start is {given}; accepted are \"new\", \"latest\" and (\"history\", n) with n from 0 to 4294967295"
+            "invalid start: expected \"new\", \"latest\" or (\"history\", n) \
+             with n from 0 to 4294967295, got: {given}"
         ))
     })
 }
@@ -403,7 +327,7 @@ fn policy_of(given: &str) -> PyResult<Policy> {
         "all" => Ok(Policy::All),
         "latest" => Ok(Policy::Latest),
         _ => Err(PyValueError::new_err(format!(
-            "policy is {given:?}; accepted are \"all\" and \"latest\""
+            "invalid policy: expected \"all\" or \"latest\", got: {given:?}"
         ))),
     }
 }
@@ -414,7 +338,7 @@ fn guard_of(given: &str) -> PyResult<Guard> {
         "always" => Ok(Guard::Always),
         "never" => Ok(Guard::Never),
         _ => Err(PyValueError::new_err(format!(
-            "guard is {given:?}; accepted are \"auto\", \"always\" and \"never\""
+            "invalid guard: expected \"auto\", \"always\" or \"never\", got: {given:?}"
         ))),
     }
 }

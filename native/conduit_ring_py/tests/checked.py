@@ -1,4 +1,4 @@
-"""Messages that prove themselves, as peer/src/main.rs has them in Rust."""
+"""Messages with a checksum, as in peer/src/main.rs."""
 
 import struct
 
@@ -7,14 +7,14 @@ _HEAD = struct.Struct("<QQ")
 
 
 def message(n):
-    """Message n: its number, FNV-1a of what follows, and bytes that follow from the number."""
+    """Return message n: its number, the FNV-1a hash of the rest, and bytes that depend on n."""
     length = (n * 2654435761 & 0xFFFFFFFF) % 3000
     body = bytes((n * 31 + i * 7) & 0xFF for i in range(16, 16 + length))
     return _HEAD.pack(n, _fnv(body)) + body
 
 
 def number(data):
-    """The number of a message that is whole."""
+    """Return the number of a complete message."""
     n, checksum = _HEAD.unpack_from(data)
     assert checksum == _fnv(data[_HEAD.size :]), f"message {n} is torn"
     assert len(data) == 16 + (n * 2654435761 & 0xFFFFFFFF) % 3000, f"message {n} is cut"

@@ -1,4 +1,4 @@
-"""What the tests share: topics of their own, other processes."""
+"""Fixtures: unique topics and other processes."""
 
 import itertools
 import os
@@ -8,14 +8,14 @@ import sys
 import pytest
 
 LIMIT = 60.0
-"""Longer than anything here takes: only a failing test waits so long. Seconds."""
+"""The timeout of every wait in seconds, far longer than a passing test needs."""
 
 _count = itertools.count()
 
 
 @pytest.fixture
 def topic():
-    """A topic of a name of its own, whose file is removed afterwards."""
+    """A unique topic name. Its file is removed after the test."""
     name = f"{os.environ.get('GANGLION_RUN', 'run')}.{os.getpid()}.{next(_count)}.py"
     yield name
     try:
@@ -25,44 +25,46 @@ def topic():
 
 
 class Process:
-    """Another process, which says line by line how far it is."""
+    """Another process, which prints a line at each step."""
 
     def __init__(self, *command):
-        self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1)
+        self._child = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
+        )
         self.pid = self._child.pid
 
     def expect(self, line):
-        """Waits for its next line, which must be this one."""
+        """Wait for the next line and check it."""
         assert self._child.stdout.readline().rstrip("\n") == line
 
     def go(self):
-        """Sends it a line."""
+        """Send a line."""
         self._child.stdin.write("\n")
 
     def signal(self, number):
-        """Sends it a signal."""
+        """Send a signal."""
         self._child.send_signal(number)
 
     def kill(self):
-        """SIGKILL. It must have been running."""
+        """Kill the process, which must be running."""
         assert self._child.poll() is None, "it ended by itself"
         self._child.kill()
         self._child.wait()
 
     def end(self):
-        """Ends its input, and gives its exit status and the rest of what it said."""
+        """Close the input. Return the exit status and the rest of the output."""
         rest, _ = self._child.communicate(timeout=LIMIT)
         return self._child.returncode, rest
 
     def give_up(self):
-        """Leaves nothing behind."""
+        """Kill the process if it is running."""
         self._child.kill()
         self._child.communicate()
 
 
 @pytest.fixture
 def start():
-    """Starts processes that do not outlive the test."""
+    """Start processes that do not outlive the test."""
     processes = []
 
     def start(*command):
@@ -77,11 +79,11 @@ def start():
 
 @pytest.fixture
 def rust_peer(start):
-    """Starts peer/, the other end in Rust."""
+    """Start the Rust peer, peer/."""
     return lambda *arguments: start(os.environ["CONDUIT_RING_PEER"], *arguments)
 
 
 @pytest.fixture
 def python(start):
-    """Starts a Python program with these arguments."""
+    """Start a Python program with arguments."""
     return lambda program, *arguments: start(sys.executable, "-c", program, *arguments)

@@ -1,4 +1,4 @@
-"""Holds what the documentation promises: it is there, its examples run, and the types are those of the package."""
+"""Everything public is documented, the examples run, and the stub matches the package."""
 
 import ast
 import doctest
@@ -17,11 +17,14 @@ EXAMPLES = re.findall(r"^```python\n(.*?)^```", GUIDE.read_text(), re.M | re.S)
 PUBLIC = [getattr(conduit_ring, name) for name in conduit_ring.__all__]
 
 
-@pytest.mark.parametrize("module", [conduit_ring, _native, frames], ids=lambda module: module.__name__)
+@pytest.mark.parametrize(
+    "module", [conduit_ring, _native, frames], ids=lambda module: module.__name__
+)
 def test_examples_in_docstrings_run(module):
     names = {name: getattr(conduit_ring, name) for name in conduit_ring.__all__}
     runner = doctest.DocTestRunner()
-    found = [test for test in doctest.DocTestFinder().find(module, globs={**names, **vars(module)}) if test.examples]
+    tests = doctest.DocTestFinder().find(module, globs={**names, **vars(module)})
+    found = [test for test in tests if test.examples]
     assert found
     for test in found:
         assert runner.run(test).failed == 0
@@ -40,7 +43,7 @@ def test_everything_public_is_documented():
                 assert name.startswith("_") or inspect.getdoc(member), f"{item.__name__}.{name}"
 
 
-def test_the_types_name_what_there_is():
+def test_the_stub_declares_the_members_of_the_package():
     stub = ast.parse((resources.files("conduit_ring") / "_native.pyi").read_text())
     stated = {}
     for node in stub.body:
@@ -57,5 +60,5 @@ def test_the_types_name_what_there_is():
             assert {part for part in stated[name] if not part.startswith("_")} == real
 
 
-def test_the_package_says_that_it_is_typed():
+def test_the_package_is_marked_as_typed():
     assert (resources.files("conduit_ring") / "py.typed").is_file()

@@ -1,4 +1,4 @@
-"""Checksummed messages between Python and Rust, also when a publisher is killed and started again."""
+"""Checksummed messages between Python and Rust, also across restarts of a publisher."""
 
 import threading
 import time
@@ -10,7 +10,7 @@ from conduit_ring import Message, Publisher, PublisherEvent, Subscriber, info
 from conftest import LIMIT
 
 COUNT = 1000
-"""No more than the ring holds, so that nobody can fall behind."""
+"""No more than the ring holds, so that no subscriber falls behind."""
 
 
 def read_all(subscriber, count=COUNT):
@@ -107,7 +107,7 @@ def test_nothing_torn_is_read_while_a_rust_publisher_laps(rust_peer, topic, borr
         peer.kill()
 
 
-def test_a_waiting_subscriber_goes_on_with_the_next_publisher_when_one_is_killed(rust_peer, topic):
+def test_a_waiting_subscriber_continues_with_the_next_publisher_of_a_killed_one(rust_peer, topic):
     with Subscriber(topic) as subscriber:
         sequences = []
         for life in range(4):
@@ -124,7 +124,9 @@ def test_a_waiting_subscriber_goes_on_with_the_next_publisher_when_one_is_killed
         assert info(topic).epoch == 3
 
 
-def test_a_subscriber_asleep_is_told_that_its_publisher_was_killed_and_that_it_came_back(python, topic, request):
+def test_a_waiting_subscriber_gets_events_of_its_publishers_death_and_restart(
+    python, topic, request
+):
     with Subscriber(topic) as subscriber:
         seen = []
         thread = threading.Thread(target=lambda: seen.extend(subscriber.events()))

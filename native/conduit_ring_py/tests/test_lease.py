@@ -45,20 +45,20 @@ def test_it_cannot_be_used_outside_its_block(publisher, subscriber):
         lease.array,
     ]
     for use in uses:
-        with pytest.raises(ValueError, match="used in a with block"):
+        with pytest.raises(ValueError, match="is not entered"):
             use()
     with lease:
         for use in uses:
             use()
     for use in uses:
-        with pytest.raises(ValueError, match="its block was left"):
+        with pytest.raises(ValueError, match="ended with its block"):
             use()
-    with pytest.raises(ValueError, match="for one block"), lease:
+    with pytest.raises(ValueError, match="entered already"), lease:
         pass
-    assert repr(lease) == "<Lease, over>"
+    assert repr(lease) == "<Lease, ended>"
 
 
-def test_a_view_from_it_raises_after_the_block_also_when_the_block_raised(publisher, subscriber):
+def test_a_view_of_it_raises_after_the_block_even_when_the_block_raised(publisher, subscriber):
     publisher.publish(b"x")
     with pytest.raises(KeyError), subscriber.lease() as frame:
         view = frame.data
@@ -121,7 +121,7 @@ def is_in_the_ring(array, topic):
 
 
 def test_a_message_is_looked_at_where_it_lies(topic, publisher, subscriber):
-    # A first lease may be a copy: the publisher does not look for holds before it.
+    # The first lease may be a copy: the publisher does not check for held slots before it.
     for n in range(3):
         publisher.publish(bytes(100_000))
         with subscriber.lease() as frame:
@@ -171,7 +171,7 @@ def test_a_lease_that_timed_out_is_not_held(subscriber, publisher):
         assert frame.data == b"x"
 
 
-def test_views_stay_what_they_are_when_the_subscriber_closes_inside_the_block(publisher, subscriber):
+def test_views_do_not_change_when_the_subscriber_closes_inside_the_block(publisher, subscriber):
     publisher.publish(b"still")
     with subscriber.lease() as frame:
         subscriber.close()

@@ -45,7 +45,7 @@ def test_it_is_written_where_it_is_read(topic, publisher):
             assert ring.read().count(7) >= 100_000
 
 
-def test_one_whose_block_raises_publishes_nothing(publisher, subscriber):
+def test_a_loan_whose_block_raises_publishes_nothing(publisher, subscriber):
     with pytest.raises(KeyError), publisher.loan(5) as loan:
         loan.data[:] = b"never"
         raise KeyError
@@ -94,9 +94,9 @@ def test_a_slot_that_a_lease_holds_is_passed_over(publisher, subscriber):
 
 def test_nothing_else_is_published_while_it_is_out(publisher):
     with publisher.loan(1) as loan:
-        with pytest.raises(RuntimeError, match="a loan of this publisher is out"):
+        with pytest.raises(RuntimeError, match="outstanding loan"):
             publisher.publish(b"x")
-        with pytest.raises(RuntimeError, match="a loan of this publisher is out"), publisher.loan(1):
+        with pytest.raises(RuntimeError, match="outstanding loan"), publisher.loan(1):
             pass
         assert publisher.info().published == 0
         loan.data[:] = b"y"
@@ -105,23 +105,29 @@ def test_nothing_else_is_published_while_it_is_out(publisher):
 
 def test_it_cannot_be_used_outside_its_block(publisher):
     loan = publisher.loan(5)
-    uses = [lambda: loan.data, lambda: loan.sequence, lambda: len(loan), lambda: loan.truncate(1), loan.array]
+    uses = [
+        lambda: loan.data,
+        lambda: loan.sequence,
+        lambda: len(loan),
+        lambda: loan.truncate(1),
+        loan.array,
+    ]
     for use in uses:
-        with pytest.raises(ValueError, match="used in a with block"):
+        with pytest.raises(ValueError, match="is not entered"):
             use()
-    assert repr(loan) == "<Loan of 5 bytes, not begun>"
+    assert repr(loan) == "<Loan of 5 bytes, not entered>"
     with loan:
         for use in uses:
             use()
         owner = loan.data.obj
     for use in uses:
-        with pytest.raises(ValueError, match="its block was left"):
+        with pytest.raises(ValueError, match="ended with its block"):
             use()
-    with pytest.raises(ValueError, match="for one block"), loan:
+    with pytest.raises(ValueError, match="entered already"), loan:
         pass
     with pytest.raises(BufferError):
         memoryview(owner)
-    assert repr(loan) == "<Loan, over>"
+    assert repr(loan) == "<Loan, ended>"
 
 
 def test_what_was_handed_out_cannot_be_written_to_after_the_block(publisher):

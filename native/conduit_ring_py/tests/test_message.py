@@ -38,7 +38,8 @@ def test_an_empty_message_is_a_message(exchange):
 
 def test_a_message_says_what_it_is(exchange):
     message = exchange(b"abc")
-    assert repr(message) == f"<Message sequence=0 of 3 bytes, timestamp_ns={message.timestamp_ns}, lost=0>"
+    stamp = message.timestamp_ns
+    assert repr(message) == f"<Message sequence=0 of 3 bytes, timestamp_ns={stamp}, lost=0>"
     with pytest.raises(AttributeError):
         message.sequence = 1
     with pytest.raises(TypeError):
@@ -87,7 +88,14 @@ def test_a_struct_of_other_languages_is_a_structured_array(exchange):
 
 @pytest.mark.parametrize(
     "dtype, shape, offset",
-    [("<f4", None, 0), ("u1", (3, 4), 0), ("u1", (-1, 3), 0), ("u1", None, 11), ("O", None, 0), ("V0", None, 0)],
+    [
+        ("<f4", None, 0),
+        ("u1", (3, 4), 0),
+        ("u1", (-1, 3), 0),
+        ("u1", None, 11),
+        ("O", None, 0),
+        ("V0", None, 0),
+    ],
 )
 def test_bytes_that_do_not_fit_are_refused(exchange, dtype, shape, offset):
     message = exchange(bytes(10))

@@ -1,4 +1,4 @@
-"""How the package behaves in a process: signals, forks, what it holds on to."""
+"""The package in a process: signals, forks, threads and memory."""
 
 import gc
 import os
@@ -27,7 +27,7 @@ except KeyboardInterrupt:
 
 
 def wait_until_asleep(pid):
-    """Until the process sleeps in a system call. Its only ones after its last line are those of the wait."""
+    """Wait until the process sleeps in a system call, which after its last line is the wait."""
     end = time.monotonic() + LIMIT
     while True:
         with open(f"/proc/{pid}/stat") as stat:
@@ -95,7 +95,8 @@ def test_a_forked_child_can_neither_use_nor_close_its_parents(topic):
         if child == 0:
             status = 1
             try:
-                for use in [lambda: publisher.publish(b"child"), publisher.info, subscriber.try_read, subscriber.recv]:
+                publish = lambda: publisher.publish(b"child")  # noqa: E731
+                for use in [publish, publisher.info, subscriber.try_read, subscriber.recv]:
                     with pytest.raises(RuntimeError, match="forked from"):
                         use()
                 assert publisher.closed and subscriber.closed
@@ -129,7 +130,8 @@ def mappings():
 
 
 def use(topic, explicitly):
-    publisher, subscriber, early = Publisher(topic), Subscriber(topic), Subscriber(topic + "-missing")
+    publisher, subscriber = Publisher(topic), Subscriber(topic)
+    early = Subscriber(topic + "-missing")
     publisher.publish(b"x")
     assert subscriber.recv(timeout=0)
     publisher.publish(b"y")
@@ -143,9 +145,11 @@ def use(topic, explicitly):
         early.close()
 
 
-@pytest.mark.parametrize("explicitly, times", [(True, 1000), (False, 200)], ids=["closed", "forgotten"])
+@pytest.mark.parametrize(
+    "explicitly, times", [(True, 1000), (False, 200)], ids=["closed", "collected"]
+)
 def test_a_thousand_opens_leave_no_descriptor_thread_or_mapping(topic, explicitly, times):
-    # A thread that has ended shows for a moment more, and one of a test before may be among these.
+    # A thread that has ended is listed for a moment, perhaps one of an earlier test.
     others = threads()
     for _ in range(10):
         use(topic, explicitly)
@@ -174,7 +178,8 @@ def resident_kib():
 
 def test_messages_that_are_let_go_leave_no_memory(topic):
     message = bytes(1_000_000)
-    with Publisher(topic, slot_count=2, slot_size=1_000_020) as publisher, Subscriber(topic) as subscriber:
+    large = Publisher(topic, slot_count=2, slot_size=1_000_020)
+    with large as publisher, Subscriber(topic) as subscriber:
 
         def exchange(times):
             for _ in range(times):
@@ -193,7 +198,9 @@ def test_messages_that_are_let_go_leave_no_memory(topic):
 
 def test_a_program_that_ends_without_closing_leaves_its_topic_to_the_next(python, topic):
     child = python(
-        "import os, sys; from conduit_ring import Publisher; p = Publisher(sys.argv[1]); p.publish(b'x'); os._exit(0)", topic
+        "import os, sys; from conduit_ring import Publisher; "
+        "p = Publisher(sys.argv[1]); p.publish(b'x'); os._exit(0)",
+        topic,
     )
     assert child.end() == (0, "")
     assert info(topic).state == "dead"
@@ -267,7 +274,7 @@ def test_a_publisher_whose_name_another_has_says_who(topic):
         file_of(topic).unlink(missing_ok=True)
         try:
             return Publisher(topic)
-        except PublisherAliveError:  # it had its name back before
+        except PublisherAliveError:  # its file was created again before
             return usurp()
 
     def is_lost():
@@ -288,7 +295,7 @@ def test_a_loan_keeps_its_file_although_that_is_removed(topic):
     with Publisher(topic) as publisher, Subscriber(topic) as subscriber:
         with publisher.loan(4) as loan:
             file_of(topic).unlink()
-            time.sleep(0.7)  # for a look after the name, which would move the publisher away
+            time.sleep(0.7)  # for a check of the name, which would move the publisher away
             loan.data[:] = b"lent"
         assert bytes(subscriber.recv(timeout=LIMIT)) == b"lent"
 

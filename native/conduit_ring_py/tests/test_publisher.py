@@ -61,17 +61,19 @@ def test_a_message_can_be_published_again(topic):
 
 def test_parts_are_joined_to_one_message(topic):
     with Publisher(topic) as publisher, Subscriber(topic) as subscriber:
-        assert publisher.publish(b"head", numpy.arange(3, dtype=numpy.uint8), bytearray(b"tail")) == 0
+        body = numpy.arange(3, dtype=numpy.uint8)
+        assert publisher.publish(b"head", body, bytearray(b"tail")) == 0
         assert bytes(subscriber.recv(timeout=0)) == b"head\0\1\2tail"
 
 
 @pytest.mark.parametrize(
-    "message, kind", [("text", "str; encode it first"), (12, "int"), (None, "NoneType"), ([1, 2], "list")]
+    "message, kind",
+    [("text", "str; encode it first"), (12, "int"), (None, "NoneType"), ([1, 2], "list")],
 )
 def test_what_has_no_bytes_is_refused_saying_what_it_was(topic, message, kind):
     with Publisher(topic) as publisher:
         for parts in [(message,), (b"head", message)]:
-            with pytest.raises(TypeError, match=f"not {kind}"):
+            with pytest.raises(TypeError, match=f"got: {kind}"):
                 publisher.publish(*parts)
         assert publisher.info().published == 0
 
@@ -92,7 +94,8 @@ def test_an_array_of_python_objects_is_refused(topic):
 
 def test_a_message_that_is_too_large_is_refused_and_counted(topic):
     with Publisher(topic, slot_size=128) as publisher:
-        with pytest.raises(MessageTooLargeError, match="109 bytes and a slot holds 108") as caught:
+        reason = "109 bytes and a slot holds 108"
+        with pytest.raises(MessageTooLargeError, match=reason) as caught:
             publisher.publish(bytes(109))
         assert isinstance(caught.value, ValueError)
         with pytest.raises(MessageTooLargeError):
@@ -127,14 +130,14 @@ def test_the_size_is_said_with_the_slots_header_or_without_it(topic):
         {"depth": 4, "slot_size": 100},
     ],
 )
-def test_a_size_that_no_ring_can_have_is_refused(topic, options):
-    with pytest.raises(ValueError, match="accepted|no ring|not some of both"):
+def test_an_invalid_size_is_an_error(topic, options):
+    with pytest.raises(ValueError, match="accepted|expected"):
         Publisher(topic, **options)
 
 
 @pytest.mark.parametrize("name", ["", "a/b", "ä", "a b", "x" * 201])
-def test_a_wrong_name_is_refused(name):
-    # Names by the rules of others can be read.
+def test_an_invalid_name_is_an_error(name):
+    # Other programs may have other rules for names, and these topics can be read.
     for use in [Publisher] if name in ("ä", "a b", "x" * 201) else [Publisher, Subscriber, info]:
         with pytest.raises(ValueError, match="expected a topic name, 1 to 200 of A-Z a-z 0-9 _ . -"):
             use(name)
@@ -146,7 +149,7 @@ def test_the_content_is_a_name_a_tag_or_nothing(topic):
         with Publisher(topic, content=content) as publisher:
             assert publisher.info().content == expected
     for wrong in [1.5, -1, 2**64, b"sensor_msgs/msg/Imu"]:
-        with pytest.raises(TypeError, match="accepted are an encoding's name"):
+        with pytest.raises(TypeError, match="expected an encoding's name"):
             Publisher(topic, content=wrong)
 
 
@@ -167,11 +170,11 @@ def test_a_closed_publisher_says_that_it_is(topic):
     assert publisher.closed
     assert "closed" in repr(publisher)
     for use in [publisher.info, lambda: publisher.publish(b"x")]:
-        with pytest.raises(ClosedError, match="the publisher is closed"):
+        with pytest.raises(ClosedError, match="publisher is closed"):
             use()
 
 
-def test_a_block_closes_the_topic_also_when_it_raises(topic):
+def test_a_block_closes_the_topic_even_when_it_raises(topic):
     with pytest.raises(KeyError), Publisher(topic) as publisher:
         raise KeyError
     assert publisher.closed
@@ -186,7 +189,8 @@ def test_a_publisher_says_what_it_is(topic):
 
 @pytest.mark.parametrize("size", [100, 100_000])
 def test_threads_may_share_a_publisher(topic, size):
-    with Publisher(topic, slot_count=512, slot_size=size + 20) as publisher, Subscriber(topic) as subscriber:
+    large = Publisher(topic, slot_count=512, slot_size=size + 20)
+    with large as publisher, Subscriber(topic) as subscriber:
         sequences = [[] for _ in range(4)]
 
         def publish(n):

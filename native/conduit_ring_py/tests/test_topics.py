@@ -47,14 +47,16 @@ def test_info_tells_all_about_a_topic(topic):
             publisher.publish(b"y")
             subscriber.recv(timeout=0)
             seen = info(topic)
-        assert (seen.topic, seen.slot_count, seen.slot_size, seen.max_message_size) == (topic, 4, 128, 108)
+        assert (seen.topic, seen.slot_count) == (topic, 4)
+        assert (seen.slot_size, seen.max_message_size) == (128, 108)
         assert (seen.state, seen.published, seen.epoch) == ("live", 2, 0)
         assert (seen.content, seen.encoding) == (content_tag("conduit/frame"), "conduit/frame")
         assert 0 < seen.last_publish_ns <= now_ns()
         assert seen.instance_id != 0
         assert (seen.dropped_pinned, seen.rejected_oversize) == (0, 0)
         (reader,) = seen.readers
-        assert (reader.native, reader.alive, reader.next_sequence, reader.lost) == (True, True, 1, 0)
+        assert (reader.native, reader.alive) == (True, True)
+        assert (reader.next_sequence, reader.lost) == (1, 0)
         assert reader.pid == seen.writer_pid
         assert info(topic).readers == ()
         assert dataclasses.replace(seen, readers=()).instance_id == publisher.info().instance_id

@@ -1,10 +1,18 @@
-//! usage: peer publish TOPIC COUNT    prints "open", waits for a line, publishes messages 0..COUNT, waits for the end of input
-//!        peer subscribe TOPIC COUNT  prints "ready", reads messages 0..COUNT, prints "whole"
-//!        peer flood TOPIC            prints "open", publishes until it is killed: message n has sequence number n
-//!        peer burst TOPIC COUNT      prints "open", publishes COUNT messages for each line of input and prints "published"
+//! The Rust peer of the package's tests.
 //!
-//! Message n has 16 + (n · 2654435761 mod 2^32) mod 3000 bytes: its number, FNV-1a of all that follows, and then bytes that
-//! follow from the number. `tests/checked.py` has the same in Python.
+//! ```text
+//! usage: peer publish TOPIC COUNT    prints "open", waits for a line, publishes messages
+//!                                    0..COUNT, waits for the end of input
+//!        peer subscribe TOPIC COUNT  prints "ready", reads messages 0..COUNT, prints "whole"
+//!        peer flood TOPIC            prints "open", publishes until it is killed; message n has
+//!                                    sequence number n
+//!        peer burst TOPIC COUNT      prints "open", publishes COUNT messages for each line of
+//!                                    input and prints "published"
+//! ```
+//!
+//! Message n has 16 + (n · 2654435761 mod 2^32) mod 3000 bytes: its number, the FNV-1a hash of
+//! all later bytes, and bytes that depend on the number. `tests/checked.py` has the same in
+//! Python.
 
 use std::io::{self, Write};
 use std::thread;
@@ -26,7 +34,7 @@ fn main() {
         ["subscribe", topic, count] => subscribe(&named(topic), number(count)),
         ["flood", topic] => flood(&named(topic)),
         ["burst", topic, count] => burst(&named(topic), number(count)),
-        _ => panic!("see the source for usage"),
+        _ => panic!("unknown arguments; see the source for usage"),
     }
 }
 
@@ -113,7 +121,7 @@ fn say(line: &str) {
     io::stdout().flush().unwrap();
 }
 
-/// Waits for a line of input; `false` at its end.
+/// Waits for a line of input. Returns `false` at the end.
 fn line() -> bool {
     io::stdin().read_line(&mut String::new()).unwrap() > 0
 }

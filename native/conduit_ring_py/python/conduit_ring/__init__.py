@@ -1,8 +1,9 @@
-"""Shared-memory topics between processes of one machine: one publisher, up to 16 subscribers, any language.
+"""Topics in shared memory between processes: one publisher, up to 16 subscribers, any language.
 
-A topic is a ring of message slots in ``/dev/shm``. Its publisher copies a message into the next slot and goes on; it never
-waits. Each subscriber copies messages out at its own pace; one that falls behind by more than the ring holds loses the
-oldest, and each message says how many were lost before it.
+A topic is a ring of message slots in ``/dev/shm``. Its publisher copies a message into the next
+slot and never waits. Each subscriber copies messages out at its own pace. A subscriber that falls
+behind by more than the ring holds loses the oldest messages, and each message says how many were
+lost before it.
 
 >>> from conduit_ring import Publisher, Subscriber
 >>> publisher = Publisher("doc.greetings")
@@ -14,17 +15,21 @@ oldest, and each message says how many were lost before it.
 (0, b'hello')
 >>> publisher.close(); subscriber.close()
 
-What is guaranteed:
+Guarantees:
 
-- A message is delivered whole or not at all.
-- A publisher that is killed is succeeded where it left off, and a killed subscriber's place is taken back. Nothing has to
-  be cleaned up, whoever dies at whatever instant.
-- A subscriber learns within half a second that its publisher died, and goes on with the next one by itself.
+- A message is delivered complete or not at all.
+- A new publisher takes over the topic of a killed one where it stopped, and a killed subscriber's
+  slot is reclaimed. Nothing needs to be cleaned up, whichever process dies at whatever time.
+- A subscriber learns within half a second that its publisher died, and continues with the next
+  publisher.
 
-When not to use it: when every message must arrive, between machines, or between users who do not trust each other. After
-``os.fork`` (and so with multiprocessing's start method "fork") a child opens its own: its parent's publishers and
-subscribers raise ``RuntimeError`` there. Prefer the start methods "spawn" and "forkserver": a child that was forked without
-``exec`` keeps its dead parent's topics locked.
+Do not use it when every message must arrive, between machines, or between users who do not trust
+each other.
+
+After ``os.fork`` (and with multiprocessing's start method "fork"), a child must open its own
+publishers and subscribers: those of its parent raise ``RuntimeError`` there. Prefer the start
+methods "spawn" and "forkserver": a child that was forked without ``exec`` keeps the topics of its
+dead parent locked.
 """
 
 import os as _os

@@ -1,4 +1,4 @@
-"""Names of the encodings that the robot's programs use."""
+"""The names of the encodings that the robot's programs use."""
 
 from typing import Optional
 
@@ -18,5 +18,5 @@ _BY_TAG = {content_tag(name): name for name in _NAMES}
 
 
 def name_of(tag: int) -> Optional[str]:
-    """The name of an encoding, if it is known here."""
+    """Return the name of an encoding, or ``None`` for an unknown tag."""
     return _BY_TAG.get(tag)

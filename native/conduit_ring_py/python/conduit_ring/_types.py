@@ -1,4 +1,4 @@
-"""What the native half and Python share: exceptions, events, what there is to know about a topic."""
+"""Types that the native half and Python share: exceptions, events and the state of a topic."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from . import _encodings
 
 
 class RingError(Exception):
-    """What can go wrong with a topic that is not the caller's mistake. Base of the ones below."""
+    """An error of a topic that is not a mistake of the caller. Base of the following classes."""
 
 
 class PublisherAliveError(RingError):
-    """Another publisher of the topic lives. ``pid`` is its process, as it wrote it there; 0 when it has not yet."""
+    """Another publisher of the topic is alive.
+
+    ``pid`` is its process id, or 0 if the publisher has not written it yet.
+    """
 
     def __init__(self, message: str, pid: int = 0) -> None:
         super().__init__(message, pid)
@@ -25,28 +28,30 @@ class PublisherAliveError(RingError):
 
 
 class NoReaderSlotError(RingError):
-    """All 16 reader slots of the topic are taken."""
+    """The topic has 16 subscribers already."""
 
 
 class NoTopicError(RingError):
-    """There is no topic of this name."""
+    """The topic does not exist."""
 
 
 class BadSegmentError(RingError):
-    """The topic's file is not one that this version can use, or a process without the extension may still use it."""
+    """The topic's file is not a ring of this version, or a legacy process may still use it."""
 
 
 class LeaseLimitError(RingError):
-    """Three leases of the subscriber are held already."""
+    """The subscriber holds three leases already."""
 
 
 class SlotHeldError(RingError):
-    """Subscribers' leases hold messages in all slots. This one was dropped and counted."""
+    """Leases of subscribers hold all slots. The message was dropped and counted."""
 
 
 class NameLostError(RingError):
-    """The topic's file was removed or replaced, and cannot be made anew: the message says why. Nothing was published, and it
-    is tried again."""
+    """The topic's file was removed or replaced and cannot be created again.
+
+    The message says why. Nothing was published; the next call tries again.
+    """
 
 
 class ClosedError(RingError, ValueError):
@@ -54,17 +59,17 @@ class ClosedError(RingError, ValueError):
 
 
 class MessageTooLargeError(ValueError):
-    """The message does not fit into a slot. It is counted, and nothing was published."""
+    """The message does not fit into a slot. It was dropped and counted."""
 
 
 class PublisherEvent(enum.Enum):
-    """What a topic's publisher did, as :meth:`Subscriber.next_event` tells it."""
+    """An event of a topic's publisher, from :meth:`Subscriber.next_event`."""
 
     UP = "up"
-    """The topic has a publisher again, or for the first time."""
+    """The topic has a publisher, for the first time or again."""
 
     DOWN = "down"
-    """The publisher died, closed the topic or was replaced. What it had published was delivered before."""
+    """The publisher died, closed the topic or was replaced. Its messages came before."""
 
 
 @dataclass(frozen=True)
@@ -72,60 +77,61 @@ class ReaderInfo:
     """A claimed reader slot of a topic."""
 
     index: int
-    """Number of the slot, 0 to 15."""
+    """Index of the slot, 0 to 15."""
     native: bool
-    """Whether it speaks the extension; if not, only ``index`` and ``next_sequence`` mean something."""
+    """Whether it uses the extension; if not, only ``index`` and ``next_sequence`` are valid."""
     alive: bool
-    """Whether it lives. A native one that does not has leaked its slot, which the next who needs it takes back."""
+    """Whether it is alive. A dead native reader has leaked its slot; the next one reclaims it."""
     waiting: bool
-    """Whether it sleeps."""
+    """Whether it sleeps until a message arrives."""
     pid: int
-    """Its process."""
+    """The reader's process id."""
     next_sequence: int
     """Sequence number of the message that it reads next."""
     lost: int
-    """Messages it has lost."""
+    """The number of messages that it lost."""
 
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """What there is to know about a topic, at one moment."""
+    """The state of a topic at one time."""
 
     topic: str
-    """Its name."""
+    """The topic's name."""
     slot_count: int
-    """Messages that the ring holds."""
+    """The number of messages that the ring holds."""
     slot_size: int
-    """Length of a slot in bytes, its 20-byte header included."""
+    """The size of a slot in bytes, including its 20-byte header."""
     max_message_size: int
-    """The longest message that fits, in bytes."""
+    """The largest size of a message in bytes."""
     state: str
-    """``live``; ``dead`` (the publisher died, the next one takes over); ``closed``; ``retired`` (replaced by one of another
-    geometry); ``legacy`` (its publisher does not say); ``unknown`` (it says something that it should not)."""
+    """``live``; ``dead`` (the publisher died, the next one takes over); ``closed``; ``retired``
+    (replaced by a topic of another geometry); ``legacy`` (from a publisher without the extension,
+    which may be alive or dead); ``unknown`` (an unknown state)."""
     published: int
-    """Messages published so far, which is the next sequence number."""
+    """The number of published messages, which is the next sequence number."""
     content: int
-    """The encoding of the messages as a tag, 0 for raw bytes: see :func:`content_tag`."""
+    """The tag of the messages' encoding, 0 for raw bytes; see :func:`content_tag`."""
     epoch: int
-    """Takeovers after a publisher's death."""
+    """The number of takeovers after a publisher's death."""
     instance_id: int
-    """Random number of this very segment; 0 if it has no extension."""
+    """Random number of this file; 0 without the extension."""
     writer_pid: int
-    """The publisher's process."""
+    """The publisher's process id."""
     last_publish_ns: int
-    """When the last message was published, on :func:`now_ns`'s clock; 0 before the first."""
+    """The time of the last message by the clock of :func:`now_ns`; 0 before the first."""
     realtime_offset_ns: int
-    """What to add to a time stamp to get wall time, as of the publisher's start."""
+    """The difference from a time stamp to wall time at the publisher's start."""
     dropped_pinned: int
-    """Messages dropped because a reader held the slot."""
+    """Skipped sequence numbers and dropped messages due to held slots."""
     rejected_oversize: int
-    """Messages refused because they were too large."""
+    """Messages that were too large."""
     wake_count: int
-    """Times that sleepers were called."""
+    """How often the publisher woke sleeping readers."""
     readers: Tuple[ReaderInfo, ...]
     """The claimed reader slots."""
 
     @property
     def encoding(self) -> Optional[str]:
-        """The name behind ``content``, if it is one that the robot's programs use."""
+        """The name of the encoding ``content`` if the robot's programs use it."""
         return _encodings.name_of(self.content)

@@ -1,4 +1,4 @@
-"""Camera frames: a header of 44 bytes, then the pixels, uncompressed. Encoding :data:`ENCODING`.
+"""Camera frames of encoding :data:`ENCODING`: a header of 44 bytes, then uncompressed pixels.
 
 >>> import numpy
 >>> pixels = numpy.zeros((480, 640), numpy.uint8)
@@ -40,8 +40,8 @@ _LAYOUT = struct.Struct("<HBBIIIIIQBBBBII")
 _MAGIC = 0x4D43
 _VERSION = 1
 
-# Of each pixel format with one plane: the type of its numbers, and how many make a pixel. YUYV and UYVY have a brightness
-# and one of two colour differences by turns.
+# For each pixel format with one plane: the type of its numbers, and their count per pixel. A
+# pixel of YUYV and UYVY has a brightness and, in turn, one of two colour differences.
 _FORMATS = {
     "GREY": ("u1", 1),
     "Y16 ": ("<u2", 1),
@@ -53,12 +53,12 @@ _FORMATS = {
 
 
 class FrameError(ValueError):
-    """A message is not a frame, or has fewer pixels than it says, or pixels of a format that is not known here."""
+    """A message is not a frame, has too few pixels, or has an unknown pixel format."""
 
 
 @dataclass(frozen=True)
 class FrameHeader:
-    """Everything that is known of a frame but its pixels."""
+    """The header of a frame."""
 
     SIZE = _LAYOUT.size
 
@@ -67,13 +67,13 @@ class FrameHeader:
     height: int
     """Rows."""
     fourcc: str
-    """V4L2's code of the pixel format, such as ``"GREY"``."""
+    """V4L2's code for the pixel format, such as ``"GREY"``."""
     stride: int
     """Bytes from the start of a row to the start of the next."""
     data_size: int
-    """Bytes of pixels behind the header."""
+    """Bytes of pixels after the header."""
     timestamp_ns: int
-    """When the exposure started, on the clock ``clock_id``."""
+    """Start of the exposure by the clock ``clock_id``."""
     frame_id: int
     """The camera's own count of its frames."""
     flags: int = 0
@@ -81,26 +81,34 @@ class FrameHeader:
     clock_id: int = CLOCK_MONOTONIC_RAW
     """Linux's number of the clock."""
     plane_count: int = 1
-    """Planes in the pixels."""
+    """Number of planes."""
     rotation: int = 0
-    """How the camera is mounted; 0 is upright."""
+    """Mounting of the camera; 0 is upright."""
     colourspace: int = 0
-    """V4L2's ``enum v4l2_colorspace``; 0 is not stated."""
+    """V4L2's ``enum v4l2_colorspace``; 0 means not stated."""
     exposure_us: int = 0
-    """Exposure time in µs; 0 is not known."""
+    """Exposure time in µs; 0 means not known."""
 
     @classmethod
-    def of(cls, pixels: NDArray[Any], timestamp_ns: int, frame_id: int, fourcc: str = "GREY") -> FrameHeader:
-        """The header of pixels whose rows follow each other without a gap.
+    def of(
+        cls, pixels: NDArray[Any], timestamp_ns: int, frame_id: int, fourcc: str = "GREY"
+    ) -> FrameHeader:
+        """Return the header of an array of pixels, without padding between rows.
 
         Publish both without joining them: ``publisher.publish(header.encode(), pixels)``.
+
+        Raises
+        ------
+        FrameError
+            If shape or type do not match the pixel format.
         """
         kind, depth = _format(fourcc)
         shape = pixels.shape[:2] if depth == 1 else pixels.shape[:2] + (depth,)
         if pixels.ndim < 2 or pixels.shape != shape or pixels.dtype != kind:
+            axes = f"(height, width{f', {depth}' if depth > 1 else ''})"
             raise FrameError(
-                f"pixels have shape {pixels.shape} and type {pixels.dtype}; {fourcc} has (height, width"
-                f"{f', {depth}' if depth > 1 else ''}) and {kind}"
+                f"invalid pixels for {fourcc}: expected shape {axes} and type {kind}, "
+                f"got: shape {pixels.shape} and type {pixels.dtype}"
             )
         height, width = pixels.shape[:2]
         stride = width * depth * pixels.itemsize
@@ -108,16 +116,26 @@ class FrameHeader:
 
     @classmethod
     def parse(cls, data: Union[bytes, bytearray, memoryview]) -> FrameHeader:
-        """Reads a header from the start of a message. Looks only at the header."""
+        """Parse the header at the start of a message.
+
+        Raises
+        ------
+        FrameError
+            If the message does not start with a header of this version.
+        """
         if len(data) < cls.SIZE:
-            raise FrameError(f"{len(data)} bytes are too few for a frame's header")
+            raise FrameError(
+                f"expected a frame header of {cls.SIZE} bytes, got: {len(data)} bytes"
+            )
         fields = _LAYOUT.unpack_from(data)
         magic, version, flags, width, height, fourcc, stride, data_size, timestamp_ns = fields[:9]
         clock_id, plane_count, rotation, colourspace, frame_id, exposure_us = fields[9:]
         if magic != _MAGIC:
-            raise FrameError("the message does not start as a frame")
+            raise FrameError('expected a frame, which starts with "CM"')
         if version != _VERSION:
-            raise FrameError(f"the frame's header has version {version}, not {_VERSION}")
+            raise FrameError(
+                f"expected version {_VERSION} of the frame header, got: version {version}"
+            )
         return cls(
             width=width,
             height=height,
@@ -135,7 +153,7 @@ class FrameHeader:
         )
 
     def encode(self) -> bytes:
-        """The header's 44 bytes."""
+        """Encode the header to 44 bytes."""
         fourcc = int.from_bytes(self.fourcc.encode("latin-1"), "little")
         return _LAYOUT.pack(
             _MAGIC,
@@ -158,17 +176,22 @@ class FrameHeader:
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame inside a message: its header, checked against the bytes that are there, and its pixels."""
+    """A frame in a message: its header, checked against the message's size, and its pixels."""
 
     header: FrameHeader
     data: memoryview
-    """``data_size`` bytes of pixels, as they lie in the message."""
+    """``data_size`` bytes of pixels in the message."""
 
     @property
     def pixels(self) -> NDArray[Any]:
-        """The pixels as a numpy array, not copied: (height, width), and a third axis where a pixel has several numbers.
+        """The pixels as a numpy array, without a copy.
 
-        Raises :class:`FrameError` for a format that is not known here, whose bytes are in :attr:`data`.
+        The shape is (height, width), with a third axis if a pixel has several numbers.
+
+        Raises
+        ------
+        FrameError
+            For an unknown pixel format, whose bytes are in :attr:`data`.
         """
         import numpy
 
@@ -177,42 +200,54 @@ class Frame:
         dtype = numpy.dtype(kind)
         row = header.width * depth * dtype.itemsize
         _check_rows(header, row)
-        axes = [(header.height, header.stride), (header.width, depth * dtype.itemsize), (depth, dtype.itemsize)]
+        axes = [
+            (header.height, header.stride),
+            (header.width, depth * dtype.itemsize),
+            (depth, dtype.itemsize),
+        ]
         shape, strides = zip(*(axes if depth > 1 else axes[:2]))
-        # An array of the bytes holds on to their memory, which a bare memoryview would not.
+        # An array over the bytes keeps their memory, which a memoryview alone would not.
         flat = numpy.frombuffer(self.data, numpy.uint8)
         return numpy.ndarray(shape, dtype, buffer=flat, strides=strides)
 
 
 def decode(message: Source) -> Frame:
-    """Reads a frame from a message, a lease or any bytes. Copies nothing: the frame looks at the message's memory.
+    """Decode a frame in a message, a lease or any bytes, without a copy.
 
-    Raises :class:`FrameError` if it is not one. What lies behind the pixels is ignored.
+    Bytes after the pixels are ignored.
+
+    Raises
+    ------
+    FrameError
+        If the message is not a frame.
     """
     source: Any = message
     data = memoryview(getattr(source, "data", source)).cast("B")
     header = FrameHeader.parse(data)
     rest = data[FrameHeader.SIZE :]
     if header.width == 0 or header.height == 0:
-        raise FrameError("the frame has no pixels")
+        raise FrameError("frame has no pixels")
     if header.plane_count == 0:
-        raise FrameError("the frame says it has 0 planes")
+        raise FrameError("frame has an impossible number of planes: 0")
     if header.data_size > len(rest):
-        raise FrameError(f"the frame needs {header.data_size} bytes of pixels and has {len(rest)}")
+        raise FrameError(
+            f"expected {header.data_size} bytes of pixels, got: {len(rest)} bytes"
+        )
     return Frame(header, rest[: header.data_size])
 
 
 def _format(fourcc: str) -> tuple[str, int]:
     if fourcc not in _FORMATS:
-        raise FrameError(f"the pixel format is {fourcc!r}; known here are {', '.join(map(repr, _FORMATS))}")
+        known = ", ".join(map(repr, _FORMATS))
+        raise FrameError(f"unknown pixel format {fourcc!r}; expected one of: {known}")
     return _FORMATS[fourcc]
 
 
 def _check_rows(header: FrameHeader, row: int) -> None:
     if header.plane_count != 1:
-        raise FrameError(f"the frame says it has {header.plane_count} planes")
+        raise FrameError(f"expected a frame with 1 plane, got: {header.plane_count} planes")
     if header.stride < row:
-        raise FrameError(f"the frame's rows of {row} bytes lie {header.stride} apart")
+        raise FrameError(f"expected a stride of at least {row} bytes, got: {header.stride}")
     needed = header.stride * (header.height - 1) + row
     if needed > header.data_size:
-        raise FrameError(f"the frame needs {needed} bytes of pixels and has {header.data_size}")
+        raise FrameError(f"expected {needed} bytes of pixels, got: {header.data_size} bytes")
