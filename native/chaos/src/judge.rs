@@ -1,35 +1,35 @@
-//! What may not happen, told from what the subscribers noted. Pure: records in, counts out.
+//! Finds faults in the records of the readers.
 
 use std::collections::{BTreeMap, HashMap};
 
 use crate::record::Record;
 
-/// One life of a process that reads; its messages of one topic come in order.
+/// A life of a reading process, which gets the messages of a topic in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Life(pub u64);
 
-/// Messages of one segment by number: who wrote it, and its checksum.
+/// The messages of a segment: writer and checksum by sequence number.
 type Numbers = HashMap<u64, (u64, u32)>;
 
-/// What was found so far.
+/// The state and the findings so far.
 #[derive(Debug, Default)]
 pub struct Judge {
-    /// Messages accepted.
+    /// Number of accepted messages.
     pub messages: u64,
-    /// Messages accepted that were not what had been published.
+    /// Number of accepted messages that differ from the published ones.
     pub torn: u64,
-    /// Numbers under which two different messages were accepted, or one twice by the same reader.
+    /// Number of sequence numbers with two different messages, or accepted twice by one reader.
     pub reused: u64,
-    /// Gaps in a reader's numbers that it was not told about.
-    pub untold: u64,
-    /// The first few findings in words.
+    /// Number of gaps in the sequence numbers that no reported loss explains.
+    pub unreported: u64,
+    /// Descriptions of the first findings.
     pub findings: Vec<String>,
     segments: HashMap<(u32, u64), Numbers>,
     readers: HashMap<(Life, u32), Place>,
     newest: BTreeMap<u32, u64>,
 }
 
-/// Where a reader is.
+/// The position of a reader: the last message that it accepted.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     instance: u64,
@@ -37,16 +37,17 @@ struct Place {
     timestamp_ns: u64,
 }
 
-const FINDINGS_TOLD: usize = 20;
+const MAX_FINDINGS: usize = 20;
 
 impl Judge {
-    /// Takes a record of a reader; `in_order` if it reads on and on, and does not begin anew within its life.
-    pub fn take(&mut self, life: Life, in_order: bool, record: &Record) {
+    /// Checks a record of a reader. `in_order` says whether the reader stays subscribed during its
+    /// life.
+    pub fn check(&mut self, life: Life, in_order: bool, record: &Record) {
         self.messages += 1;
         if !record.whole {
             self.torn += 1;
-            self.find(|| format!("torn: {record:?}"));
-            // What it should have been is not known, so neither is what must follow.
+            self.record_finding(|| format!("torn: {record:?}"));
+            // The next number is unknown, because this one is.
             self.readers.remove(&(life, record.topic));
             return;
         }
@@ -58,20 +59,20 @@ impl Judge {
         *newest = record.timestamp_ns.max(*newest);
     }
 
-    /// When the newest message that `life` has accepted of `topic` was published.
+    /// Returns the time of publication of the last message of `topic` that `life` accepted.
     pub fn newest_of(&self, life: Life, topic: u32) -> Option<u64> {
         self.readers
             .get(&(life, topic))
             .map(|place| place.timestamp_ns)
     }
 
-    /// When the newest message that anyone has accepted of `topic` was published.
+    /// Returns the time of publication of the newest accepted message of `topic`.
     pub fn newest(&self, topic: u32) -> Option<u64> {
         self.newest.get(&topic).copied()
     }
 
-    /// Forgets a reader that has died.
-    pub fn bury(&mut self, life: Life) {
+    /// Removes a dead reader.
+    pub fn remove(&mut self, life: Life) {
         self.readers.retain(|(reader, _), _| *reader != life);
     }
 
@@ -85,7 +86,7 @@ impl Judge {
             .or_insert(message);
         if known != message {
             self.reused += 1;
-            self.find(|| format!("reused: {record:?} is not {known:x?}"));
+            self.record_finding(|| format!("reused: {record:?} is not {known:x?}"));
         }
     }
 
@@ -103,15 +104,15 @@ impl Judge {
         }
         if record.sequence <= before.sequence {
             self.reused += 1;
-            self.find(|| format!("given twice: {record:?} after {before:?}"));
+            self.record_finding(|| format!("delivered twice: {record:?} after {before:?}"));
         } else if record.sequence != before.sequence + 1 + u64::from(record.lost) {
-            self.untold += 1;
-            self.find(|| format!("untold loss: {record:?} after {before:?}"));
+            self.unreported += 1;
+            self.record_finding(|| format!("unreported loss: {record:?} after {before:?}"));
         }
     }
 
-    fn find(&mut self, finding: impl FnOnce() -> String) {
-        if self.findings.len() < FINDINGS_TOLD {
+    fn record_finding(&mut self, finding: impl FnOnce() -> String) {
+        if self.findings.len() < MAX_FINDINGS {
             self.findings.push(finding());
         }
     }
@@ -137,13 +138,13 @@ mod tests {
     fn judge(records: &[(u64, Record)]) -> Judge {
         let mut judge = Judge::default();
         for (life, record) in records {
-            judge.take(Life(*life), true, record);
+            judge.check(Life(*life), true, record);
         }
         judge
     }
 
     fn counts(judge: &Judge) -> [u64; 4] {
-        [judge.messages, judge.torn, judge.reused, judge.untold]
+        [judge.messages, judge.torn, judge.reused, judge.unreported]
     }
 
     #[test]
@@ -203,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn a_message_given_twice_to_one_reader_is_counted() {
+    fn a_message_delivered_twice_to_one_reader_is_counted() {
         assert_eq!(
             counts(&judge(&[(1, message(4)), (1, message(4))])),
             [2, 0, 1, 0]
@@ -211,15 +212,15 @@ mod tests {
     }
 
     #[test]
-    fn a_reader_that_begins_anew_may_get_a_message_again() {
+    fn a_reader_that_subscribes_again_may_get_a_message_again() {
         let mut judge = Judge::default();
-        judge.take(Life(1), false, &message(4));
-        judge.take(Life(1), false, &message(4));
+        judge.check(Life(1), false, &message(4));
+        judge.check(Life(1), false, &message(4));
         assert_eq!(counts(&judge), [2, 0, 0, 0]);
     }
 
     #[test]
-    fn a_gap_that_was_not_told_is_counted() {
+    fn an_unreported_loss_is_counted() {
         assert_eq!(
             counts(&judge(&[(1, message(4)), (1, message(6))])),
             [2, 0, 0, 1]
@@ -227,12 +228,12 @@ mod tests {
     }
 
     #[test]
-    fn it_is_known_how_far_each_reader_and_each_topic_has_got() {
+    fn the_newest_message_of_each_reader_and_topic_is_known() {
         let mut judge = judge(&[(1, message(4)), (2, message(9))]);
         assert_eq!(judge.newest_of(Life(1), 1), Some(4));
         assert_eq!(judge.newest(1), Some(9));
         assert_eq!(judge.newest(2), None);
-        judge.bury(Life(1));
+        judge.remove(Life(1));
         assert_eq!(judge.newest_of(Life(1), 1), None);
     }
 }

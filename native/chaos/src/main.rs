@@ -1,18 +1,23 @@
-//! Kills publishers, readers and BEAM nodes of rings at random instants, and judges what was accepted meanwhile.
+//! Kills publishers, readers and BEAM nodes at random times and checks the messages that the
+//! readers accept.
 //!
-//! The native processes that are killed are this program again (`peers`), the BEAM nodes are whatever command follows
-//! `--`. Readers note what they accept in logs that outlive them (`record`), `judge` tells from these what may not be.
+//! The killed native processes run this program ([`peers`]), the BEAM nodes run the command
+//! after `--`. Readers record the messages that they accept in logs that outlive them
+//! ([`record`]). [`judge`] finds faults in these records.
 
+mod fault;
+mod half_written;
 mod judge;
+mod leaks;
 mod message;
 mod options;
 mod peers;
 mod plan;
+mod processes;
 mod random;
 mod record;
 mod report;
 mod ring;
-mod stage;
 
 use std::process::ExitCode;
 
@@ -23,14 +28,14 @@ use program::{Failure, Log};
 fn main() -> ExitCode {
     let mut clean = true;
     let ended = program::run("chaos", |log| {
-        clean = act(log)?;
+        clean = run_request(log)?;
         Ok(())
     });
     if clean { ended } else { ExitCode::FAILURE }
 }
 
-/// Whether all was as it should be.
-fn act(log: Log) -> Result<bool, Failure> {
+/// Runs the program as its arguments say. Returns whether no fault was found.
+fn run_request(log: Log) -> Result<bool, Failure> {
     match options::parse(std::env::args().skip(1))? {
         Request::Help => program::print_help(options::HELP),
         Request::Ring { settings, json } => {
@@ -52,14 +57,15 @@ fn act(log: Log) -> Result<bool, Failure> {
         Request::Subscribe {
             number,
             topic,
-            manner,
+            behaviour,
             log,
-        } => peers::subscribe(number, &topic, seed(), manner, &log, &stop()?)?,
+        } => peers::subscribe(number, &topic, seed(), behaviour, &log, &stop()?)?,
     }
     Ok(true)
 }
 
-/// A peer ends with the run that started it: its standard input ends then.
+/// Returns the stop of a peer, which the end of its standard input requests too: a peer ends with
+/// the run that started it.
 fn stop() -> Result<Stop, Failure> {
     Stop::of_process(true).map_err(|error| Failure::Runtime(error.to_string()))
 }

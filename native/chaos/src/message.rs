@@ -1,35 +1,35 @@
-//! Messages that prove themselves: each says what it is, and carries a checksum over all of it.
+//! The messages of a run. Each one contains its identity and a checksum.
 //!
 //! | offset | field |
 //! |---|---|
-//! | 0 u32 | topic, by its number in the plan |
-//! | 4 u32 | length of the whole message |
-//! | 8 u64 | writer: random for each life of a publisher |
-//! | 16 u64 | instance: the segment's number |
-//! | 24 u64 | sequence number that the writer gave it |
-//! | 32 u32 | CRC-32 (IEEE 802.3) of everything else |
-//! | 36 | body: bytes that follow from writer and sequence |
+//! | 0 u32 | number of the topic in the plan |
+//! | 4 u32 | length of the message in bytes |
+//! | 8 u64 | writer: a random number for each life of a publisher |
+//! | 16 u64 | instance ID of the segment |
+//! | 24 u64 | sequence number |
+//! | 32 u32 | CRC-32 (IEEE 802.3) of all other bytes |
+//! | 36 | body, computed from writer and sequence number |
 
 use crc32fast::Hasher;
 
-/// Bytes in front of the body, and so the length of the shortest message.
+/// The number of bytes before the body, which is the length of the shortest message.
 pub const HEADER: usize = 36;
 const CHECKSUM: std::ops::Range<usize> = 32..36;
 
-/// What a message says about itself.
+/// The identity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity {
-    /// Which topic.
+    /// The topic.
     pub topic: u32,
-    /// Which life of a publisher.
+    /// The life of the publisher.
     pub writer: u64,
-    /// Which segment.
+    /// The segment.
     pub instance: u64,
-    /// Which message.
+    /// The sequence number.
     pub sequence: u64,
 }
 
-/// Makes a message of `len` bytes, at least a header's, in `buffer`.
+/// Writes a message of `len` bytes to `buffer`, of [`HEADER`] bytes if `len` is less.
 pub fn write(buffer: &mut Vec<u8>, identity: &Identity, len: usize) {
     let len = len.max(HEADER);
     buffer.clear();
@@ -47,7 +47,8 @@ pub fn write(buffer: &mut Vec<u8>, identity: &Identity, len: usize) {
     buffer[CHECKSUM].copy_from_slice(&sum.to_le_bytes());
 }
 
-/// Reads a message's identity and checksum, if it is what was published: all of it, on this topic, at this number.
+/// Returns the identity and checksum of a message. Returns `None` if the message is damaged or not
+/// the one of this topic and sequence number.
 pub fn verify(message: &[u8], topic: u32, sequence: u64) -> Option<(Identity, u32)> {
     let (head, _) = message.split_first_chunk::<HEADER>()?;
     let word = |at: usize| u32::from_le_bytes(std::array::from_fn(|i| head[at + i]));
@@ -90,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn a_message_of_any_length_is_what_was_written() {
+    fn messages_of_all_lengths_verify() {
         for len in [0, 36, 37, 44, 100, 4096, 100_000] {
             let message = message(len);
             assert_eq!(message.len(), len.max(HEADER));
@@ -99,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn every_changed_bit_is_noticed() {
+    fn each_changed_bit_is_detected() {
         let sound = message(100);
         for bit in 0..800 {
             let mut damaged = sound.clone();
@@ -109,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn half_of_one_message_and_half_of_another_is_noticed() {
+    fn halves_of_two_messages_are_detected() {
         let mut torn = message(1000);
         let mut other = Vec::new();
         let next = Identity {
@@ -122,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn a_whole_message_elsewhere_is_noticed() {
+    fn an_intact_message_of_another_topic_or_number_is_detected() {
         assert_eq!(verify(&message(100), 4, 12), None);
         assert_eq!(verify(&message(100), 3, 13), None);
         assert_eq!(verify(&message(100)[..99], 3, 12), None);

@@ -1,4 +1,4 @@
-//! What the program is asked to do.
+//! The arguments of the program.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -7,73 +7,77 @@ use conduit_ring::Topic;
 use program::Failure;
 use program::arguments::{Arguments, required};
 
-use crate::plan::{LINES, Manner};
+use crate::fault::Fault;
+use crate::plan::{Behaviour, TOPICS};
 use crate::random::Random;
-use crate::ring::{Inject, Settings};
+use crate::ring::Settings;
 
-/// The answer to `--help`.
+/// The text for `--help`.
 pub const HELP: &str = "\
-usage: chaos ring [--kills N] [--seed N] [--json] [--patience N] [--inject FAULT] [-- NODE-COMMAND…]
+Usage: chaos ring [--kills N] [--seed N] [--patience N] [--inject FAULT] [--json]
+                  [-- NODE-COMMAND...]
 
-Kills publishers, readers and BEAM nodes at random instants while messages that prove themselves flow, starts them
-again, and judges what was accepted. Exit status 1 when a promise of the ring was broken.
+Kills publishers, readers and BEAM nodes at random times, starts them again and checks the
+messages that the readers accept. Exits with 1 if it finds a fault.
 
-  --kills N       processes to kill (default 1000)
-  --seed N        what the random choices follow from (default: one of the moment, which is printed)
-  --json          the last line is {\"kills\", \"messages\", \"torn\", \"stuck\", \"leaked\", \"reused\"}
-  --patience N    seconds in which a topic must flow again (default 30)
-  --inject FAULT  torn, reused, stuck or leaked: makes this fault on purpose, to show that it is found
-  NODE-COMMAND    starts a BEAM node that plays its part as its environment (CHAOS_*) says; none: no nodes
+  --kills N       number of processes to kill (default 1000)
+  --seed N        seed of the random choices (default: a random seed, which is printed)
+  --patience N    seconds within which a topic must deliver messages again (default 30)
+  --inject FAULT  inject a fault to show that it is found: torn, reused, stuck or leaked
+  --json          print a last line with the keys \"kills\", \"messages\", \"torn\", \"stuck\",
+                  \"leaked\" and \"reused\"
+  NODE-COMMAND    command that starts a BEAM node, which the CHAOS_* environment variables
+                  configure (default: no nodes)
 ";
 
-/// A call of the program.
+/// A request to the program.
 pub enum Request {
-    /// Show the help.
+    /// Print the help.
     Help,
-    /// The whole run.
+    /// Run the test.
     Ring {
-        /// How it goes.
+        /// The settings of the run.
         settings: Settings,
-        /// Whether the last line is for programs.
+        /// Whether to print the result as JSON too.
         json: bool,
     },
-    /// Be one of its publishers.
+    /// Run as a publisher.
     Publish {
         /// The topic's number in the plan.
         number: usize,
-        /// Its name.
+        /// The topic.
         topic: Topic,
-        /// Whether to spoil messages.
+        /// Whether to corrupt some messages.
         corrupt: bool,
     },
-    /// Be one of its readers.
+    /// Run as a reader.
     Subscribe {
         /// The topic's number in the plan.
         number: usize,
-        /// Its name.
+        /// The topic.
         topic: Topic,
-        /// How to read.
-        manner: Manner,
-        /// Where to note what was accepted.
+        /// The behaviour of the reader.
+        behaviour: Behaviour,
+        /// The log for the accepted messages.
         log: PathBuf,
     },
 }
 
 const VERBS: &str = "ring";
 
-/// Reads the arguments, without the program's name.
+/// Parses the arguments, which do not include the program's name.
 pub fn parse(arguments: impl IntoIterator<Item = String>) -> Result<Request, Failure> {
     let mut arguments = arguments.into_iter();
     let verb = arguments
         .next()
-        .ok_or_else(|| Failure::Usage(format!("no verb was given; accepted: {VERBS}")))?;
+        .ok_or_else(|| Failure::Usage(format!("VERB is missing; expected one of: {VERBS}")))?;
     let rest: Vec<String> = arguments.collect();
     match verb.as_str() {
         "--help" => Ok(Request::Help),
         "ring" => ring(rest),
         "publish" | "subscribe" => peer(&verb, rest),
         _ => Err(Failure::Usage(format!(
-            "there is no verb {verb:?}; accepted: {VERBS}"
+            "unknown verb {verb:?}; expected one of: {VERBS}"
         ))),
     }
 }
@@ -110,23 +114,14 @@ fn ring(rest: Vec<String>) -> Result<Request, Failure> {
                 settings.patience = Duration::from_secs(seconds);
             }
             "--inject" => {
-                settings.inject = Some(arguments.read("torn, reused, stuck, leaked", inject)?);
+                settings.inject =
+                    Some(arguments.read("torn, reused, stuck, leaked", Fault::parse)?);
             }
             "--json" => json = true,
             _ => return Ok(Request::Help),
         }
     }
     Ok(Request::Ring { settings, json })
-}
-
-fn inject(text: &str) -> Option<Inject> {
-    match text {
-        "torn" => Some(Inject::Torn),
-        "reused" => Some(Inject::Reused),
-        "stuck" => Some(Inject::Stuck),
-        "leaked" => Some(Inject::Leaked),
-        _ => None,
-    }
 }
 
 fn peer(verb: &str, rest: Vec<String>) -> Result<Request, Failure> {
@@ -140,18 +135,18 @@ fn peer(verb: &str, rest: Vec<String>) -> Result<Request, Failure> {
     ];
     let mut arguments = Arguments::new(rest, known);
     let (mut number, mut topic, mut log) = (None, None, None);
-    let (mut manner, mut corrupt) = (Manner::Steady, false);
+    let (mut behaviour, mut corrupt) = (Behaviour::Steady, false);
     while let Some(option) = arguments.next()? {
         match option {
             "--number" => {
-                number = Some(arguments.parse("a topic's number", |&n| n < LINES.len())?);
+                number = Some(arguments.parse("a topic's number", |&n| n < TOPICS.len())?);
             }
             "--topic" => {
                 topic = Some(arguments.read("a topic's name", |text| Topic::new(text).ok())?);
             }
             "--log" => log = Some(arguments.path("a file")?),
-            "--restless" => manner = Manner::Restless,
-            "--leasing" => manner = Manner::Leasing,
+            "--restless" => behaviour = Behaviour::Restless,
+            "--leasing" => behaviour = Behaviour::Leasing,
             _ => corrupt = true,
         }
     }
@@ -167,7 +162,7 @@ fn peer(verb: &str, rest: Vec<String>) -> Result<Request, Failure> {
     Ok(Request::Subscribe {
         number,
         topic,
-        manner,
+        behaviour,
         log: required(log, "--log", "a file")?,
     })
 }

@@ -1,4 +1,4 @@
-//! What the native processes do that are killed.
+//! The native processes of a run, which it kills.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -12,20 +12,20 @@ use program::Failure;
 use program::stop::Stop;
 
 use crate::message::{self, HEADER, Identity};
-use crate::plan::{LINES, LONG_MESSAGE, Manner, Source};
+use crate::plan::{Behaviour, LONG_MESSAGE, PublishedBy, TOPICS};
 use crate::random::Random;
 use crate::record::{Log, Record};
 
-/// A restless reader stays this long at most.
+/// The longest time for which a restless reader stays subscribed.
 const VISIT: Duration = Duration::from_millis(20);
-/// A leasing reader holds a message this long at most when it has nothing else to do.
+/// The longest time for which a leasing reader waits before it releases a message.
 const HOLD: Duration = Duration::from_millis(3);
-/// As many leases as a subscriber may have.
+/// The most leases of a subscriber at the same time.
 const LEASES: usize = 3;
-/// A corrupt publisher spoils one message of so many.
-const SPOILT: u64 = 20;
+/// A corrupting publisher corrupts one message in this many.
+const CORRUPT_ONE_IN: u64 = 20;
 
-/// Publishes topic `number` of the plan under `topic` until it is killed or stopped.
+/// Publishes the topic with this number in the plan until the process is killed or stopped.
 pub fn publish(
     number: usize,
     topic: &Topic,
@@ -33,22 +33,22 @@ pub fn publish(
     corrupt: bool,
     stop: &Stop,
 ) -> Result<(), Failure> {
-    let line = &LINES[number];
+    let plan = &TOPICS[number];
     let mut random = Random::new(seed);
     let mut buffer = Vec::new();
     for round in 0.. {
-        let geometry = line.geometry(round).map_err(world)?;
+        let geometry = plan.geometry(round).map_err(runtime)?;
         let mut life = Life::begin(number, topic, geometry, random.next())?;
-        let bursts = match line.source {
-            Source::Native(Manner::Restless) => random.below(8),
+        let bursts = match plan.published_by {
+            PublishedBy::Native(Behaviour::Restless) => random.below(8),
             _ => u64::MAX,
         };
         for _ in 0..bursts {
-            for _ in 0..=random.below(line.burst) {
-                let spoil = corrupt && random.one_in(SPOILT);
-                life.publish(&mut random, &mut buffer, spoil)?;
+            for _ in 0..=random.below(plan.burst) {
+                let corrupt = corrupt && random.one_in(CORRUPT_ONE_IN);
+                life.publish(&mut random, &mut buffer, corrupt)?;
             }
-            if stop.wait_until(Instant::now() + random.up_to(line.pause)) {
+            if stop.wait_until(Instant::now() + random.up_to(plan.pause)) {
                 return Ok(());
             }
         }
@@ -59,7 +59,7 @@ pub fn publish(
     Ok(())
 }
 
-/// One opening of a topic.
+/// A publisher of a topic from its opening to its close.
 struct Life {
     publisher: Publisher,
     identity: Identity,
@@ -77,7 +77,7 @@ impl Life {
             geometry,
             ..PublisherOptions::default()
         };
-        let publisher = Publisher::open(topic, &options).map_err(world)?;
+        let publisher = Publisher::open(topic, &options).map_err(runtime)?;
         let identity = Identity {
             topic: number as u32,
             writer,
@@ -95,22 +95,23 @@ impl Life {
         &mut self,
         random: &mut Random,
         buffer: &mut Vec<u8>,
-        spoil: bool,
+        corrupt: bool,
     ) -> Result<(), Failure> {
-        // The number that the message will have: behind the slots that readers hold, of which a loan passes over.
+        // A loan skips the slots that readers hold, so its number is the message's.
         match self.publisher.loan(0) {
             Ok(loan) => self.identity.sequence = loan.sequence(),
             Err(PublishError::SlotHeld) => return Ok(()),
-            Err(error) => return Err(world(error)),
+            Err(error) => return Err(runtime(error)),
         }
-        // Of long messages every other one has all the length there is, so that many a death is in the midst of one.
+        // Half of the long messages have the largest size, so that many kills happen while one is
+        // written.
         let len = if self.longest > LONG_MESSAGE && random.one_in(2) {
             self.longest
         } else {
             random.length(HEADER, self.longest)
         };
         message::write(buffer, &self.identity, len);
-        if spoil {
+        if corrupt {
             let at = random.below(buffer.len() as u64) as usize;
             buffer[at] ^= 1;
         }
@@ -122,11 +123,11 @@ impl Life {
         };
         match published {
             Err(PublishError::SlotHeld) => Ok(()),
-            published => published.map_err(world),
+            published => published.map_err(runtime),
         }
     }
 
-    /// Writes the message into its slot, and one time in eight leaves it there unpublished.
+    /// Writes the message in its slot. Does not publish one message in eight.
     fn lend(&mut self, random: &mut Random, head: &[u8], body: &[u8]) -> Result<(), PublishError> {
         let mut loan = self.publisher.loan(head.len() + body.len())?;
         loan.write_at(head.len(), body);
@@ -138,35 +139,36 @@ impl Life {
     }
 }
 
-/// Reads topic `number` of the plan from `topic`, and notes every message, until it is killed or stopped.
+/// Reads the topic with this number in the plan and records every message until the process is
+/// killed or stopped.
 pub fn subscribe(
     number: usize,
     topic: &Topic,
     seed: u64,
-    manner: Manner,
+    behaviour: Behaviour,
     log: &Path,
     stop: &Stop,
 ) -> Result<(), Failure> {
     let mut random = Random::new(seed);
-    let mut log = Log::open(log).map_err(world)?;
+    let mut log = Log::open(log).map_err(runtime)?;
     while !stop.requested() {
-        let subscriber = Subscriber::open(topic, &options(&mut random)).map_err(world)?;
+        let subscriber = Subscriber::open(topic, &options(&mut random)).map_err(runtime)?;
         let reader = Reader {
             subscriber,
             topic: number as u32,
             log: &mut log,
             stop,
         };
-        match manner {
-            Manner::Steady => reader.read(None)?,
-            Manner::Restless => reader.read(Some(Instant::now() + random.up_to(VISIT)))?,
-            Manner::Leasing => reader.lease(&mut random)?,
+        match behaviour {
+            Behaviour::Steady => reader.read(None)?,
+            Behaviour::Restless => reader.read(Some(Instant::now() + random.up_to(VISIT)))?,
+            Behaviour::Leasing => reader.lease(&mut random)?,
         }
     }
     Ok(())
 }
 
-/// One subscription.
+/// A subscription.
 struct Reader<'a> {
     subscriber: Subscriber,
     topic: u32,
@@ -175,7 +177,7 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// Reads until the deadline, or on and on.
+    /// Reads until the deadline, or until the stop if there is none.
     fn read(mut self, deadline: Option<Instant>) -> Result<(), Failure> {
         if deadline.is_none() {
             self.wake_on_stop();
@@ -184,23 +186,24 @@ impl Reader<'_> {
         let timeout = deadline.map_or(Duration::MAX, |_| VISIT);
         while !self.stop.requested() && deadline.is_none_or(|deadline| Instant::now() < deadline) {
             let read = self.subscriber.read_timeout(&mut buffer, timeout);
-            if let Read::Message(meta) = read.map_err(world)? {
-                self.note(&meta, &buffer)?;
+            if let Read::Message(meta) = read.map_err(runtime)? {
+                self.record(&meta, &buffer)?;
             }
         }
         Ok(())
     }
 
-    /// Holds messages in their slots, up to three at once, and looks at each only when it is about to let go.
+    /// Holds up to [`LEASES`] messages in their slots and reads each one just before its
+    /// release.
     fn lease(mut self, random: &mut Random) -> Result<(), Failure> {
         self.wake_on_stop();
         let mut held = VecDeque::new();
         while !self.stop.requested() {
             let most = random.below(LEASES as u64) as usize;
-            match self.subscriber.try_lease().map_err(world)? {
+            match self.subscriber.try_lease().map_err(runtime)? {
                 Received::Message(_, lease) => held.push_back(lease),
                 Received::Nothing if held.is_empty() => {
-                    self.subscriber.wait(Duration::MAX).map_err(world)?;
+                    self.subscriber.wait(Duration::MAX).map_err(runtime)?;
                 }
                 _ => {}
             }
@@ -208,7 +211,7 @@ impl Reader<'_> {
                 && let Some(lease) = held.pop_front()
             {
                 self.stop.wait_until(Instant::now() + random.up_to(HOLD));
-                self.note(&lease.meta(), &lease.to_vec())?;
+                self.record(&lease.meta(), &lease.to_vec())?;
             }
         }
         Ok(())
@@ -219,10 +222,10 @@ impl Reader<'_> {
         self.stop.on_request(move || waker.wake());
     }
 
-    fn note(&mut self, meta: &Meta, bytes: &[u8]) -> Result<(), Failure> {
+    fn record(&mut self, meta: &Meta, bytes: &[u8]) -> Result<(), Failure> {
         self.log
             .append(&Record::of(self.topic, meta, bytes))
-            .map_err(world)
+            .map_err(runtime)
     }
 }
 
@@ -238,6 +241,6 @@ fn options(random: &mut Random) -> SubscriberOptions {
     }
 }
 
-fn world(error: impl std::fmt::Display) -> Failure {
+fn runtime(error: impl std::fmt::Display) -> Failure {
     Failure::Runtime(error.to_string())
 }

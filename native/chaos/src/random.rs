@@ -1,26 +1,27 @@
-//! Numbers that follow from a seed (SplitMix64), so that a run can be repeated as far as the scheduler lets it.
+//! Pseudorandom numbers (SplitMix64). With the same seed a run makes the same choices, as far as
+//! the scheduler permits.
 
 use std::hash::{BuildHasher, RandomState};
 use std::time::Duration;
 
-/// A source of numbers.
+/// A generator of pseudorandom numbers.
 #[derive(Clone, Debug)]
 pub struct Random {
     state: u64,
 }
 
 impl Random {
-    /// The numbers that follow from `seed`.
+    /// Returns a generator with this seed.
     pub fn new(seed: u64) -> Random {
         Random { state: seed }
     }
 
-    /// A seed that nobody chose.
+    /// Returns a random seed.
     pub fn seed() -> u64 {
         RandomState::new().hash_one(std::process::id()) >> 32
     }
 
-    /// The next number.
+    /// Returns the next number.
     pub fn next(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.state;
@@ -29,22 +30,23 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// One of `0..bound`.
+    /// Returns a number of `0..bound`.
     pub fn below(&mut self, bound: u64) -> u64 {
         self.next() % bound
     }
 
-    /// True once in `n` times.
+    /// Returns `true` once in `n` times on average.
     pub fn one_in(&mut self, n: u64) -> bool {
         self.below(n) == 0
     }
 
-    /// A time up to `longest`.
+    /// Returns a duration of at most `longest`.
     pub fn up_to(&mut self, longest: Duration) -> Duration {
         Duration::from_micros(self.below(longest.as_micros() as u64 + 1))
     }
 
-    /// A length of `least..=most`, small ones as likely as large ones.
+    /// Returns a length of `least..=most`. Each power of two is equally likely as a bound, so small
+    /// lengths are frequent.
     pub fn length(&mut self, least: usize, most: usize) -> usize {
         let span = (most - least + 1) as u64;
         let bits = u64::from(span.ilog2()) + 1;
@@ -58,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lengths_reach_both_ends_and_never_go_beyond() {
+    fn lengths_reach_both_bounds_and_do_not_exceed_them() {
         let mut random = Random::new(1);
         let lengths: Vec<_> = (0..20_000).map(|_| random.length(36, 100)).collect();
         assert_eq!(lengths.iter().min(), Some(&36));

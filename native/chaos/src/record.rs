@@ -1,7 +1,7 @@
-//! What a subscriber notes of each message that it was given, in a log of its own that outlives it.
+//! The records of accepted messages. Each subscriber has a log, which outlives it.
 //!
-//! A record has 64 bytes, so that it lies within one page of the file: one `write` of it is done or not, also when
-//! its process is killed in the midst.
+//! A record has 64 bytes, so it lies within one page of the file. A `write` of it is complete or
+//! absent, also if its process is killed during the call.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
@@ -10,45 +10,45 @@ use std::path::{Path, PathBuf};
 
 use crate::message::{self, Identity};
 
-/// Bytes of a record.
+/// Size of a record in bytes.
 pub const LEN: usize = 64;
 const WHOLE: u32 = 0;
 const TORN: u32 = 1;
 
-/// See the module.
+/// The record of an accepted message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Record {
-    /// Whether the message proved to be what was published.
+    /// Whether the message was intact.
     pub whole: bool,
-    /// The topic that the subscriber reads.
+    /// The number of the topic.
     pub topic: u32,
-    /// The number under which the message was given.
+    /// The sequence number under which the subscriber got the message.
     pub sequence: u64,
-    /// The segment that the message names; 0 if torn.
+    /// The segment in the message; 0 if the message was torn.
     pub instance: u64,
-    /// The life of a publisher that the message names; 0 if torn.
+    /// The writer in the message; 0 if the message was torn.
     pub writer: u64,
-    /// The message's checksum; 0 if torn.
+    /// The checksum of the message; 0 if the message was torn.
     pub checksum: u32,
-    /// How many messages the subscriber was told to have lost before it.
+    /// The number of lost messages before it that the subscriber reported.
     pub lost: u32,
-    /// When it was published, on the ring's clock.
+    /// The time of publication on the ring's clock.
     pub timestamp_ns: u64,
 }
 
 impl Record {
-    /// What there is to note of a message.
+    /// Returns the record of a message.
     pub fn of(topic: u32, meta: &conduit_ring::Meta, bytes: &[u8]) -> Record {
-        let proof = message::verify(bytes, topic, meta.sequence);
+        let verified = message::verify(bytes, topic, meta.sequence);
         let torn = Identity {
             topic,
             writer: 0,
             instance: 0,
             sequence: meta.sequence,
         };
-        let (identity, checksum) = proof.unwrap_or((torn, 0));
+        let (identity, checksum) = verified.unwrap_or((torn, 0));
         Record {
-            whole: proof.is_some(),
+            whole: verified.is_some(),
             topic,
             sequence: meta.sequence,
             instance: identity.instance,
@@ -89,7 +89,7 @@ impl Record {
     }
 }
 
-/// A subscriber's end of its log.
+/// The log of a subscriber, for writing.
 pub struct Log {
     file: File,
 }
@@ -101,13 +101,13 @@ impl Log {
         Ok(Log { file })
     }
 
-    /// Appends a record; it is in the file when this returns.
+    /// Appends a record. The record is in the file when this returns.
     pub fn append(&mut self, record: &Record) -> io::Result<()> {
         self.file.write_all(&record.encode())
     }
 }
 
-/// The judge's end of a log, which follows what is appended. The file goes with it.
+/// A log for reading, which removes its file at the end.
 pub struct Tail {
     path: PathBuf,
     file: File,
@@ -115,22 +115,22 @@ pub struct Tail {
 }
 
 impl Tail {
-    /// Makes an empty log.
+    /// Creates an empty log.
     pub fn create(path: &Path) -> io::Result<Tail> {
-        let options = OpenOptions::new()
+        let file = OpenOptions::new()
             .create_new(true)
             .append(true)
             .read(true)
             .open(path)?;
         Ok(Tail {
             path: path.to_owned(),
-            file: options,
+            file,
             read: 0,
         })
     }
 
-    /// The records that were appended since the last time.
-    pub fn news(&mut self) -> io::Result<Vec<Record>> {
+    /// Returns the records that were appended since the last call.
+    pub fn read_new(&mut self) -> io::Result<Vec<Record>> {
         let mut records = Vec::new();
         let mut bytes = vec![0; 1024 * LEN];
         loop {
@@ -169,18 +169,18 @@ mod tests {
     }
 
     #[test]
-    fn what_is_appended_is_read_once_and_in_order() {
+    fn records_are_read_once_and_in_order() {
         let path = std::env::temp_dir().join(format!("chaos-record-{}", std::process::id()));
         let mut tail = Tail::create(&path).unwrap();
         let mut log = Log::open(&path).unwrap();
-        assert_eq!(tail.news().unwrap(), []);
+        assert_eq!(tail.read_new().unwrap(), []);
         let records: Vec<_> = (0..3000).map(|n| record(n, n % 2 == 0)).collect();
         for record in &records {
             log.append(record).unwrap();
         }
-        assert_eq!(tail.news().unwrap(), records);
+        assert_eq!(tail.read_new().unwrap(), records);
         log.append(&record(9, true)).unwrap();
-        assert_eq!(tail.news().unwrap(), [record(9, true)]);
+        assert_eq!(tail.read_new().unwrap(), [record(9, true)]);
         drop(tail);
         assert!(!path.exists());
     }

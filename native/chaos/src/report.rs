@@ -1,45 +1,53 @@
-//! What a run came to, for people and for programs.
+//! The result of a run.
 
-/// See the module.
+/// The result of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Report {
-    /// What the random choices followed from.
+    /// The seed of the random choices.
     pub seed: u64,
-    /// Processes killed.
+    /// Number of killed processes.
     pub kills: u64,
-    /// Those of them that were BEAM nodes.
+    /// Number of killed BEAM nodes.
     pub node_kills: u64,
-    /// Messages that their publishers were killed in the midst of.
+    /// Number of messages whose publisher was killed while it wrote them.
     pub half_written: u64,
-    /// Messages accepted by all readers together.
+    /// Number of messages accepted by all readers.
     pub messages: u64,
-    /// Torn messages accepted.
+    /// Number of accepted torn messages.
     pub torn: u64,
-    /// Topics that did not flow again, or whose processes could not go on.
+    /// Number of topics that did not deliver messages again or whose processes ended by themselves.
     pub stuck: u64,
-    /// Reader slots that nobody has and nobody can get.
+    /// Number of reader slots that no reader has and none can get.
     pub leaked: u64,
-    /// Numbers given to two messages.
+    /// Number of sequence numbers with two messages.
     pub reused: u64,
-    /// Losses that a reader was not told about.
-    pub untold: u64,
-    /// How long it took.
+    /// Number of losses that were not reported to the reader.
+    pub unreported: u64,
+    /// The duration of the run.
     pub seconds: u64,
-    /// From the last kill to the first message on the last topic and reader.
-    pub settled_ms: u64,
+    /// The time from the last kill until all readers had a new message.
+    pub recovery_ms: u64,
 }
 
 impl Report {
-    /// Whether all that is promised was kept.
+    /// Returns whether the run found no fault.
     pub fn is_clean(&self) -> bool {
-        [self.torn, self.stuck, self.leaked, self.reused, self.untold] == [0; 5]
+        [
+            self.torn,
+            self.stuck,
+            self.leaked,
+            self.reused,
+            self.unreported,
+        ] == [0; 5]
     }
 
-    /// For people.
+    /// Returns the result as text.
     pub fn text(&self) -> String {
         format!(
-            "{} kills ({} of BEAM nodes, {} in the midst of a message) in {} s, seed {}; {} messages accepted\n\
-             torn {}, stuck {}, leaked {}, reused {}, losses untold {}; all topics flowed {} ms after the last kill",
+            "{} kills ({} of BEAM nodes, {} during a message) in {} s, seed {}; \
+             {} messages accepted\n\
+             torn {}, stuck {}, leaked {}, reused {}, unreported losses {}; \
+             all topics delivered messages {} ms after the last kill",
             self.kills,
             self.node_kills,
             self.half_written,
@@ -50,12 +58,12 @@ impl Report {
             self.stuck,
             self.leaked,
             self.reused,
-            self.untold,
-            self.settled_ms
+            self.unreported,
+            self.recovery_ms
         )
     }
 
-    /// For programs: one line.
+    /// Returns the result as one line of JSON.
     pub fn json(&self) -> String {
         format!(
             r#"{{"kills": {}, "messages": {}, "torn": {}, "stuck": {}, "leaked": {}, "reused": {}}}"#,
@@ -78,27 +86,30 @@ mod tests {
         stuck: 0,
         leaked: 0,
         reused: 0,
-        untold: 0,
+        unreported: 0,
         seconds: 4,
-        settled_ms: 5,
+        recovery_ms: 5,
     };
 
     #[test]
-    fn a_run_is_clean_only_if_nothing_was_found() {
+    fn only_a_run_without_findings_is_clean() {
         assert!(CLEAN.is_clean());
-        for spoilt in [
+        for faulty in [
             Report { torn: 1, ..CLEAN },
             Report { stuck: 1, ..CLEAN },
             Report { leaked: 1, ..CLEAN },
             Report { reused: 1, ..CLEAN },
-            Report { untold: 1, ..CLEAN },
+            Report {
+                unreported: 1,
+                ..CLEAN
+            },
         ] {
-            assert!(!spoilt.is_clean());
+            assert!(!faulty.is_clean());
         }
     }
 
     #[test]
-    fn the_line_for_programs_has_six_numbers() {
+    fn the_json_line_has_six_numbers() {
         assert_eq!(
             CLEAN.json(),
             r#"{"kills": 2, "messages": 3, "torn": 0, "stuck": 0, "leaked": 0, "reused": 0}"#

@@ -1,234 +1,226 @@
-//! The run: kill, start again, look; at the end let the dust settle and count what is left.
+//! The run: kills processes, starts them again and checks the topics; at the end waits for the
+//! recovery and counts leaks.
 
-use std::collections::{BTreeSet, HashSet};
-use std::fs::{File, OpenOptions};
+use std::collections::BTreeSet;
 use std::io;
-use std::os::unix::fs::FileExt;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use conduit_ring::{
-    Info, Publisher, PublisherOptions, State, Subscriber, SubscriberOptions, clock,
-};
+use conduit_ring::{Publisher, PublisherOptions, clock};
 use program::stop::Stop;
 use program::{Failure, Log};
 
-use crate::plan::{self, LINES, LONG_MESSAGE, Manner, Role, Source};
+use crate::fault::{self, Fault};
+use crate::half_written::HalfWritten;
+use crate::leaks;
+use crate::plan::{self, Behaviour, LONG_MESSAGE, PublishedBy, Role, TOPICS};
+use crate::processes::{Process, Processes};
 use crate::random::Random;
 use crate::report::Report;
-use crate::stage::Stage;
 
-/// How a run goes.
+/// The settings of a run.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// How many processes are killed.
+    /// The number of processes to kill.
     pub kills: u64,
-    /// What the random choices follow from.
+    /// The seed of the random choices.
     pub seed: u64,
-    /// How a BEAM node is started; nothing for a run without.
+    /// The command that starts a BEAM node; empty for a run without nodes.
     pub node_command: Vec<String>,
-    /// In what time a topic whose publisher and reader live must give a message; twice as much after the last kill, since
-    /// BEAM nodes have to start in it.
+    /// The time in which a topic with a live publisher and reader must deliver a message. Twice
+    /// that time after the last kill, because BEAM nodes start in it.
     pub patience: Duration,
-    /// A fault to make on purpose, which the run must find.
-    pub inject: Option<Inject>,
+    /// A fault to inject, which the run must find.
+    pub inject: Option<Fault>,
 }
 
-/// Faults that prove that the run finds faults.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Inject {
-    /// A publisher spoils some messages.
-    Torn,
-    /// A number is taken back after its publisher was killed, and given to another message.
-    Reused,
-    /// Somebody holds a topic, so that no publisher gets it.
-    Stuck,
-    /// A reader slot is marked as taken, and nobody has it.
-    Leaked,
-}
-
-/// The average pause between two kills, and the longest pause between a death and the next life.
-const PACE: Duration = Duration::from_millis(40);
-const REST: Duration = Duration::from_millis(40);
-/// A process that has just been started is at times killed again this soon, in the midst of opening.
-const INFANCY: Duration = Duration::from_millis(4);
-/// A publisher of long messages is at times killed in the midst of one, if one comes this soon.
+/// The average pause between two kills.
+const KILL_INTERVAL: Duration = Duration::from_millis(40);
+/// The longest pause before a killed process is started again.
+const RESTART_PAUSE: Duration = Duration::from_millis(40);
+/// The longest time after which some new processes are killed again, while they open their topic.
+const EARLY_KILL: Duration = Duration::from_millis(4);
+/// The longest wait for a long message, so that its publisher is killed while it writes.
 const AIM: Duration = Duration::from_millis(400);
-const LOOK: Duration = Duration::from_millis(10);
-const TOLD_EVERY: Duration = Duration::from_secs(10);
-/// A node is killed this much less often than a native process: it takes longer to start than all others together.
+const CHECK_PERIOD: Duration = Duration::from_millis(10);
+const PROGRESS_PERIOD: Duration = Duration::from_secs(10);
+/// A node is killed this many times less often than a native process, because it starts slower than
+/// all others together.
 const NODE_IN: u64 = 2;
-/// The topic on which faults are injected.
+/// The topic of injected faults.
 const VICTIM: usize = 0;
 
-/// Runs it to the end, or to the stop.
+/// Runs to the end or the stop.
 pub fn run(settings: &Settings, stop: &Stop, log: Log) -> Result<Report, Failure> {
-    let stage = Stage::new(settings.node_command.clone(), log).map_err(world)?;
+    let processes = Processes::new(settings.node_command.clone(), log).map_err(runtime)?;
     let mut run = Run {
         random: Random::new(settings.seed),
-        stage,
+        processes,
         settings,
         kills: 0,
         node_kills: 0,
-        half_written: HashSet::new(),
+        half_written: HalfWritten::default(),
         stuck: BTreeSet::new(),
-        usurper: None,
+        intruder: None,
         started: Instant::now(),
-        next_told: Instant::now() + TOLD_EVERY,
+        next_progress: Instant::now() + PROGRESS_PERIOD,
         log,
     };
     run.prepare();
-    run.storm(stop).map_err(world)?;
-    let settled = run.settle().map_err(world)?;
+    run.kill_and_restart(stop).map_err(runtime)?;
+    let recovered = run.await_recovery().map_err(runtime)?;
     let leaked = run.count_leaked()?;
-    Ok(run.report(settled, leaked))
+    Ok(run.report(recovered, leaked))
 }
 
 struct Run<'a> {
     random: Random,
-    stage: Stage,
+    processes: Processes,
     settings: &'a Settings,
     kills: u64,
     node_kills: u64,
-    /// The messages that were left half-written, with their topics.
-    half_written: HashSet<(usize, Message)>,
+    half_written: HalfWritten,
     stuck: BTreeSet<usize>,
-    usurper: Option<Publisher>,
+    /// The publisher that blocks a topic, for an injected fault.
+    intruder: Option<Publisher>,
     started: Instant,
-    next_told: Instant,
+    next_progress: Instant,
     log: Log,
 }
 
 impl Run<'_> {
     fn prepare(&mut self) {
-        if self.settings.inject == Some(Inject::Torn) {
-            for actor in &mut self.stage.actors {
-                actor.corrupt = actor.role == Role::Publisher(VICTIM);
+        if self.settings.inject == Some(Fault::Torn) {
+            for process in &mut self.processes.all {
+                process.corrupt = process.role == Role::Publisher(VICTIM);
             }
         }
     }
 
-    fn storm(&mut self, stop: &Stop) -> io::Result<()> {
-        let mut next_kill = Instant::now() + 10 * PACE;
-        let mut next_look = Instant::now();
-        let mut doomed: Vec<(Instant, usize)> = Vec::new();
+    /// Kills and restarts processes until the number of kills is reached.
+    fn kill_and_restart(&mut self, stop: &Stop) -> io::Result<()> {
+        let mut next_kill = Instant::now() + 10 * KILL_INTERVAL;
+        let mut next_check = Instant::now();
+        let mut early_kills: Vec<(Instant, usize)> = Vec::new();
         while self.kills < self.settings.kills && !stop.requested() {
             let now = Instant::now();
-            doomed.extend(self.start_due(now)?);
-            if let Some(at) = doomed.iter().position(|(when, _)| *when <= now) {
-                let (_, index) = doomed.swap_remove(at);
+            early_kills.extend(self.start_due(now)?);
+            if let Some(at) = early_kills.iter().position(|(when, _)| *when <= now) {
+                let (_, index) = early_kills.swap_remove(at);
                 self.kill(index)?;
             } else if now >= next_kill {
                 let index = self.victim();
                 self.kill(index)?;
-                next_kill = now + self.random.up_to(2 * PACE);
+                next_kill = now + self.random.up_to(2 * KILL_INTERVAL);
             }
-            if now >= next_look {
-                self.look()?;
-                next_look = Instant::now() + LOOK;
+            if now >= next_check {
+                self.check()?;
+                next_check = Instant::now() + CHECK_PERIOD;
             }
-            let next = doomed.iter().map(|(when, _)| *when).min();
+            let next = early_kills.iter().map(|(when, _)| *when).min();
             let wake = next.map_or(next_kill, |next| next.min(next_kill));
             let wake = self.next_start().map_or(wake, |due| due.min(wake));
             thread::sleep(
-                wake.min(next_look)
+                wake.min(next_check)
                     .saturating_duration_since(Instant::now()),
             );
         }
         Ok(())
     }
 
-    /// Starts those whose rest is over; some of them are doomed to die at once.
+    /// Starts the processes that are due. Returns those that are to be killed early, and when.
     fn start_due(&mut self, now: Instant) -> io::Result<Vec<(Instant, usize)>> {
-        let mut doomed = Vec::new();
-        for index in 0..self.stage.actors.len() {
-            let actor = &self.stage.actors[index];
-            if actor.life.is_none() && actor.due <= now {
-                let role = actor.role;
-                self.stage.start(index, &mut self.random)?;
+        let mut early_kills = Vec::new();
+        for index in 0..self.processes.all.len() {
+            let process = &self.processes.all[index];
+            if process.life.is_none() && process.due <= now {
+                let role = process.role;
+                self.processes.start(index, &mut self.random)?;
                 if !role.is_node() && self.random.one_in(4) {
-                    doomed.push((Instant::now() + self.random.up_to(INFANCY), index));
+                    early_kills.push((Instant::now() + self.random.up_to(EARLY_KILL), index));
                 }
             }
         }
-        Ok(doomed)
+        Ok(early_kills)
     }
 
     fn next_start(&self) -> Option<Instant> {
-        let resting = |actor: &&crate::stage::Actor| actor.life.is_none();
-        self.stage
-            .actors
+        let is_stopped = |process: &&Process| process.life.is_none();
+        self.processes
+            .all
             .iter()
-            .filter(resting)
-            .map(|actor| actor.due)
+            .filter(is_stopped)
+            .map(|process| process.due)
             .min()
     }
 
     fn victim(&mut self) -> usize {
         loop {
-            let index = self.random.below(self.stage.actors.len() as u64) as usize;
-            if !self.stage.actors[index].role.is_node() || self.random.one_in(NODE_IN) {
+            let index = self.random.below(self.processes.all.len() as u64) as usize;
+            if !self.processes.all[index].role.is_node() || self.random.one_in(NODE_IN) {
                 return index;
             }
         }
     }
 
     fn kill(&mut self, index: usize) -> io::Result<()> {
-        if self.stage.actors[index].life.is_none() {
+        if self.processes.all[index].life.is_none() {
             return Ok(());
         }
-        let role = self.stage.actors[index].role;
-        let written = plan::topics(self.stage.with_nodes())
+        let role = self.processes.all[index].role;
+        let written = plan::topics(self.processes.with_nodes())
             .map(|(topic, _)| topic)
             .find(|&topic| role.publishes(topic));
         if let Some(topic) = written
-            && LINES[topic].slot_size as usize > LONG_MESSAGE
+            && TOPICS[topic].slot_size as usize > LONG_MESSAGE
             && !self.random.one_in(4)
         {
-            self.await_midst(topic)?;
+            let topic = self.processes.topic(topic).map_err(io::Error::other)?;
+            self.half_written.wait(&topic, AIM);
         }
-        self.stage.kill(index)?;
+        self.processes.kill(index)?;
         self.kills += 1;
         self.node_kills += u64::from(role.is_node());
         if let Some(topic) = written {
-            self.note_half_written(topic)?;
+            let topic = self.processes.topic(topic).map_err(io::Error::other)?;
+            self.half_written.record(&topic);
         }
         if role == Role::Publisher(VICTIM) {
-            self.harm_after_death()?;
+            self.inject_after_kill()?;
         }
-        let rest = if self.random.one_in(2) {
+        let pause = if self.random.one_in(2) {
             Duration::ZERO
         } else {
-            self.random.up_to(REST)
+            self.random.up_to(RESTART_PAUSE)
         };
-        self.stage.actors[index].due = Instant::now() + rest;
+        self.processes.all[index].due = Instant::now() + pause;
         Ok(())
     }
 
-    fn look(&mut self) -> io::Result<()> {
-        self.stage.read_logs()?;
-        self.stage.look_for_ended(self.settings.patience)?;
+    fn check(&mut self) -> io::Result<()> {
+        self.processes.read_logs()?;
+        self.processes.restart_ended(self.settings.patience)?;
         let now_ns = clock::now_ns();
-        for (topic, line) in plan::topics(self.stage.with_nodes()) {
-            let silence = match self.stage.judge.newest(topic as u32) {
+        for (topic, plan) in plan::topics(self.processes.with_nodes()) {
+            let silence = match self.processes.judge.newest(topic as u32) {
                 Some(newest) => Duration::from_nanos(now_ns.saturating_sub(newest)),
                 None => self.started.elapsed(),
             };
-            let undisturbed = self.stage.undisturbed(topic).unwrap_or_default();
+            let undisturbed = self.processes.undisturbed(topic).unwrap_or_default();
             if silence.min(undisturbed) > self.settings.patience && self.stuck.insert(topic) {
-                self.log.line(format!("topic {} is stuck", line.label));
+                self.log.line(format!("topic {} is stuck", plan.label));
             }
         }
-        self.tell();
+        self.log_progress();
         Ok(())
     }
 
-    fn tell(&mut self) {
-        if Instant::now() < self.next_told {
+    fn log_progress(&mut self) {
+        if Instant::now() < self.next_progress {
             return;
         }
-        self.next_told += TOLD_EVERY;
-        let judge = &self.stage.judge;
+        self.next_progress += PROGRESS_PERIOD;
+        let judge = &self.processes.judge;
         self.log.line(format!(
             "{} of {} kills, {} of BEAM nodes; {} messages accepted, {} torn, {} numbers reused",
             self.kills,
@@ -240,170 +232,92 @@ impl Run<'_> {
         ));
     }
 
-    /// Starts everyone once more and waits until each reader has a message that was published after the last kill.
-    fn settle(&mut self) -> io::Result<Duration> {
+    /// Starts all processes once more and waits until each reader has a message that was
+    /// published after the last kill. Returns the time that it took.
+    fn await_recovery(&mut self) -> io::Result<Duration> {
         let last_kill = Instant::now();
         let last_kill_ns = clock::now_ns();
-        self.dismiss(|role| matches!(role, Role::Reader(_, Manner::Restless)))?;
+        self.end(is_restless_reader)?;
         loop {
             let now = Instant::now();
-            for index in 0..self.stage.actors.len() {
-                let actor = &self.stage.actors[index];
-                if actor.life.is_none() && !dismissed(actor.role) && actor.due <= now {
-                    self.stage.start(index, &mut self.random)?;
+            for index in 0..self.processes.all.len() {
+                let process = &self.processes.all[index];
+                if process.life.is_none() && !is_restless_reader(process.role) && process.due <= now
+                {
+                    self.processes.start(index, &mut self.random)?;
                 }
             }
-            self.stage.read_logs()?;
-            self.stage.look_for_ended(2 * self.settings.patience)?;
-            let silent: Vec<usize> = plan::topics(self.stage.with_nodes())
+            self.processes.read_logs()?;
+            self.processes.restart_ended(2 * self.settings.patience)?;
+            let silent: Vec<usize> = plan::topics(self.processes.with_nodes())
                 .map(|(topic, _)| topic)
-                .filter(|&topic| !self.stage.flows(topic, last_kill_ns))
+                .filter(|&topic| !self.processes.flows(topic, last_kill_ns))
                 .collect();
             if silent.is_empty() || last_kill.elapsed() > 2 * self.settings.patience {
                 for topic in silent {
                     self.log
-                        .line(format!("topic {} does not flow again", LINES[topic].label));
+                        .line(format!("topic {} did not recover", TOPICS[topic].label));
                     self.stuck.insert(topic);
                 }
                 return Ok(last_kill.elapsed());
             }
-            thread::sleep(LOOK);
+            thread::sleep(CHECK_PERIOD);
         }
     }
 
-    /// Ends processes whose coming and going would blur the count; that is not counted as a kill.
-    fn dismiss(&mut self, which: impl Fn(Role) -> bool) -> io::Result<()> {
-        for index in 0..self.stage.actors.len() {
-            if which(self.stage.actors[index].role) {
-                self.stage.kill(index)?;
+    /// Ends processes whose restarts would disturb the count. These do not count as kills.
+    fn end(&mut self, which: impl Fn(Role) -> bool) -> io::Result<()> {
+        for index in 0..self.processes.all.len() {
+            if which(self.processes.all[index].role) {
+                self.processes.kill(index)?;
             }
         }
         Ok(())
     }
 
-    /// Reader slots that nobody has and nobody can get. On each topic as many subscribers are opened as it takes: together
-    /// with those that live there must be sixteen. The first one's claim takes back what dead readers left; no doctor helps.
     fn count_leaked(&mut self) -> Result<u64, Failure> {
-        let restless = |role| matches!(role, Role::Publisher(topic) if LINES[topic].source == Source::Native(Manner::Restless));
-        self.dismiss(restless).map_err(world)?;
-        if self.settings.inject == Some(Inject::Leaked) {
-            self.mark_slot().map_err(world)?;
+        let restless = PublishedBy::Native(Behaviour::Restless);
+        let has_restless = |role| match role {
+            Role::Publisher(topic) => TOPICS[topic].published_by == restless,
+            _ => false,
+        };
+        self.end(has_restless).map_err(runtime)?;
+        if self.settings.inject == Some(Fault::Leaked) {
+            fault::mark_slot(&self.processes.topic(VICTIM).map_err(runtime)?).map_err(runtime)?;
         }
         let mut leaked = 0;
-        for (topic, line) in plan::topics(self.stage.with_nodes()) {
-            let count = self.leaked_on(topic)?;
+        for (topic, plan) in plan::topics(self.processes.with_nodes()) {
+            let patience = self.settings.patience;
+            let count = leaks::count(&self.processes, topic, patience).map_err(runtime)?;
             if count != 0 {
-                self.log.line(format!(
-                    "topic {} has {count} reader slots too few",
-                    line.label
-                ));
+                let label = plan.label;
+                self.log
+                    .line(format!("topic {label} lacks {count} reader slots"));
             }
             leaked += count;
         }
         Ok(leaked)
     }
 
-    fn leaked_on(&self, number: usize) -> Result<u64, Failure> {
-        let topic = self.stage.topic(number).map_err(world)?;
-        let deadline = Instant::now() + self.settings.patience;
-        loop {
-            match Info::read(&topic) {
-                // Its publisher was ended between two of its lives.
-                Err(conduit_ring::Error::NoTopic { .. }) => return Ok(0),
-                Ok(info) if !matches!(info.state, State::Live | State::Dead) => return Ok(0),
-                _ => {}
-            }
-            let live = self
-                .stage
-                .actors
-                .iter()
-                .filter(|actor| actor.life.is_some() && actor.role.reads(number))
-                .count();
-            let mut guests = Vec::new();
-            while let Ok(guest) = Subscriber::open(&topic, &SubscriberOptions::default()) {
-                guests.push(guest);
-                if guests.len() > 16 {
-                    break;
-                }
-            }
-            let missing = 16_usize.abs_diff(guests.len() + live);
-            if missing == 0 || Instant::now() > deadline {
-                return Ok(missing as u64);
-            }
-            // A reader may still be on its way from one segment to the next.
-            drop(guests);
-            thread::sleep(10 * LOOK);
-        }
-    }
-
-    /// Waits until a message is being written. What a predecessor left half-written does not count.
-    fn await_midst(&self, topic: usize) -> io::Result<()> {
-        let deadline = Instant::now() + AIM;
-        let Some(file) = self.file(topic)? else {
-            return Ok(());
-        };
-        while Instant::now() < deadline {
-            if in_midst(&file).is_some_and(|message| !self.half_written.contains(&(topic, message)))
-            {
-                return Ok(());
-            }
-        }
-        Ok(())
-    }
-
-    /// Notes the message that the dead publisher was in the midst of, if it was.
-    fn note_half_written(&mut self, topic: usize) -> io::Result<()> {
-        if let Some(message) = self.file(topic)?.as_ref().and_then(in_midst) {
-            self.half_written.insert((topic, message));
-        }
-        Ok(())
-    }
-
-    fn file(&self, topic: usize) -> io::Result<Option<File>> {
-        let topic = self.stage.topic(topic).map_err(io::Error::other)?;
-        Ok(File::open(topic.path()).ok())
-    }
-
-    fn harm_after_death(&mut self) -> io::Result<()> {
+    fn inject_after_kill(&mut self) -> io::Result<()> {
+        let topic = self.processes.topic(VICTIM).map_err(io::Error::other)?;
         match self.settings.inject {
-            Some(Inject::Reused) => self.take_number_back(),
-            Some(Inject::Stuck) if self.usurper.is_none() => {
+            Some(Fault::Reused) => fault::decrement_published(&topic),
+            Some(Fault::Stuck) if self.intruder.is_none() => {
                 let options = PublisherOptions {
-                    geometry: LINES[VICTIM].geometry(0).map_err(io::Error::other)?,
+                    geometry: TOPICS[VICTIM].geometry(0).map_err(io::Error::other)?,
                     ..PublisherOptions::default()
                 };
-                let topic = self.stage.topic(VICTIM).map_err(io::Error::other)?;
-                self.usurper = Publisher::open(&topic, &options).ok();
+                self.intruder = Publisher::open(&topic, &options).ok();
                 Ok(())
             }
             _ => Ok(()),
         }
     }
 
-    fn take_number_back(&self) -> io::Result<()> {
-        const WRITE_IDX: u64 = 64;
-        self.change_word(WRITE_IDX, |published| published.saturating_sub(1))
-    }
-
-    fn mark_slot(&self) -> io::Result<()> {
-        const SUBSCRIBER_MASK: u64 = 128;
-        self.change_word(SUBSCRIBER_MASK, |mask| mask | 1 << 15)
-    }
-
-    fn change_word(&self, at: u64, change: impl Fn(u32) -> u32) -> io::Result<()> {
-        let topic = self.stage.topic(VICTIM).map_err(io::Error::other)?;
-        let options = OpenOptions::new().read(true).write(true).open(topic.path());
-        let Ok(file) = options else {
-            return Ok(());
-        };
-        let mut word = [0; 4];
-        file.read_exact_at(&mut word, at)?;
-        file.write_all_at(&change(u32::from_le_bytes(word)).to_le_bytes(), at)
-    }
-
-    fn report(&self, settled: Duration, leaked: u64) -> Report {
-        let judge = &self.stage.judge;
-        let ended = &self.stage.ended;
+    fn report(&self, recovered: Duration, leaked: u64) -> Report {
+        let judge = &self.processes.judge;
+        let ended = &self.processes.ended;
         for finding in &judge.findings {
             self.log.line(finding);
         }
@@ -411,38 +325,23 @@ impl Run<'_> {
             seed: self.settings.seed,
             kills: self.kills,
             node_kills: self.node_kills,
-            half_written: self.half_written.len() as u64,
+            half_written: self.half_written.count(),
             messages: judge.messages,
             torn: judge.torn,
             stuck: self.stuck.len().max(usize::from(!ended.is_empty())) as u64,
             leaked,
             reused: judge.reused,
-            untold: judge.untold,
+            unreported: judge.unreported,
             seconds: self.started.elapsed().as_secs(),
-            settled_ms: settled.as_millis() as u64,
+            recovery_ms: recovered.as_millis() as u64,
         }
     }
 }
 
-/// A message by its segment and number.
-type Message = (u64, u64);
-
-/// The message that is being written, if there is one.
-fn in_midst(file: &File) -> Option<Message> {
-    const INSTANCE: usize = 32;
-    const WRITE_IDX: usize = 64;
-    const WRITE_INTENT: usize = 72;
-    let mut head = [0; 80];
-    file.read_exact_at(&mut head, 0).ok()?;
-    let long = |at: usize| u64::from_le_bytes(std::array::from_fn(|i| head[at + i]));
-    let (published, intended) = (long(WRITE_IDX), long(WRITE_INTENT));
-    (intended == published.wrapping_add(1)).then(|| (long(INSTANCE), published))
+fn is_restless_reader(role: Role) -> bool {
+    matches!(role, Role::Reader(_, Behaviour::Restless))
 }
 
-fn dismissed(role: Role) -> bool {
-    matches!(role, Role::Reader(_, Manner::Restless))
-}
-
-fn world(error: impl std::fmt::Display) -> Failure {
+fn runtime(error: impl std::fmt::Display) -> Failure {
     Failure::Runtime(error.to_string())
 }

@@ -1,4 +1,4 @@
-//! The run finds what it looks for: each fault, made on purpose, is counted and ends it with status 1; without one it ends with 0.
+//! A run finds each injected fault and exits with 1. Without a fault it exits with 0.
 
 use std::process::{Command, Output};
 
@@ -11,7 +11,7 @@ fn chaos(arguments: &[&str]) -> Output {
         .unwrap()
 }
 
-/// The numbers of the last line of a short run without BEAM nodes, and its exit status.
+/// Runs the program without BEAM nodes. Returns the numbers of the JSON line and the exit status.
 fn run(extra: &[&str]) -> ([u64; 6], i32) {
     let output = chaos(&[&["ring", "--kills", "60", "--seed", "7", "--json"], extra].concat());
     let text = String::from_utf8(output.stdout).unwrap();
@@ -24,20 +24,19 @@ fn run(extra: &[&str]) -> ([u64; 6], i32) {
     (numbers, output.status.code().unwrap())
 }
 
-/// Long enough for a machine that is busy with something else: with less, a topic that is merely slow counts as stuck.
+/// Long enough for a busy machine, on which a slow topic would count as stuck.
 const PATIENT: [&str; 2] = ["--patience", "120"];
-/// For runs that wait for it to the end.
+/// For runs that wait for the whole time.
 const LESS_PATIENT: [&str; 2] = ["--patience", "20"];
 
-/// Checks a run with a fault against what can follow from it. All else must be zero: `torn`, `stuck`, `leaked` and `reused`
-/// follow from each other like this.
+/// Checks that a run finds the injected fault, and besides it only the counts in `may_follow`.
 ///
-/// | injected | follows for sure | may follow |
-/// |---|---|---|
-/// | `torn` | `torn` | nothing: a message that was spoiled says nothing about its number, and its neighbours flow |
-/// | `reused` | `reused` | `torn`: the second message of a number is written over the first, and a reader that copies meanwhile finds the number that it expects, before and after |
-/// | `stuck` | `stuck` | `leaked`: a reader that follows the topic to another segment is given as long as the topic to flow |
-/// | `leaked` | `leaked` | nothing: the slot is marked after everything has flowed again |
+/// * From `torn` no other count follows.
+/// * From `reused` may follow `torn`: the second message with a number overwrites the first, and
+///   a reader that copies meanwhile finds the expected number before and after.
+/// * From `stuck` may follow `leaked`: a reader has the same patience to move to another segment
+///   as the topic to deliver messages.
+/// * From `leaked` no other count follows, because the slot is marked after the recovery.
 fn check(inject: &str, patience: [&str; 2], may_follow: &[&str]) {
     let (numbers, status) = run(&["--inject", inject, patience[0], patience[1]]);
     for (name, count) in NAMES.into_iter().zip(numbers).skip(2) {
@@ -67,23 +66,23 @@ fn torn_messages_are_found() {
 }
 
 #[test]
-fn a_number_given_twice_is_found() {
+fn a_reused_sequence_number_is_found() {
     check("reused", PATIENT, &["torn"]);
 }
 
 #[test]
-fn a_topic_that_no_publisher_gets_is_found() {
+fn a_topic_that_its_publisher_cannot_open_is_found() {
     check("stuck", ["--patience", "2"], &["leaked"]);
 }
 
 #[test]
-fn a_reader_slot_that_nobody_can_get_is_found() {
+fn a_leaked_reader_slot_is_found() {
     check("leaked", LESS_PATIENT, &[]);
 }
 
 #[test]
-fn a_wrong_call_says_what_is_accepted() {
-    for (arguments, accepted) in [
+fn the_error_for_invalid_arguments_names_the_expected_ones() {
+    for (arguments, expected) in [
         (&[][..], "ring"),
         (&["topology"], "ring"),
         (&["ring", "--kills", "0"], "a number from 1"),
@@ -93,6 +92,6 @@ fn a_wrong_call_says_what_is_accepted() {
         let output = chaos(arguments);
         let text = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
-        assert!(text.contains(accepted), "{text}");
+        assert!(text.contains(expected), "{text}");
     }
 }

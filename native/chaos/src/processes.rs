@@ -1,4 +1,4 @@
-//! The processes of a run: started, killed, started again; and their logs, which outlive them.
+//! The processes of a run and their logs, which outlive them.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -9,39 +9,39 @@ use conduit_ring::{Error, Topic};
 use program::Log;
 
 use crate::judge::{Judge, Life};
-use crate::plan::{self, LINES, Manner, Role};
+use crate::plan::{self, Behaviour, Role, TOPICS};
 use crate::random::Random;
 use crate::record::Tail;
 
-/// One process of the plan: running, or due to be started again.
-pub struct Actor {
-    /// What it does.
+/// A process of the plan: running, or due to be started again.
+pub struct Process {
+    /// The role of the process.
     pub role: Role,
-    /// Its present life.
+    /// The current life, if the process runs.
     pub life: Option<Running>,
-    /// When it is started, if it does not run.
+    /// The time of the next start, if the process does not run.
     pub due: Instant,
-    /// Whether its publisher spoils messages, for a run that must fail.
+    /// Whether the publisher corrupts messages, for an injected fault.
     pub corrupt: bool,
 }
 
 /// A life of a process.
 pub struct Running {
-    /// When it was started.
+    /// The time of the start.
     pub since: Instant,
-    /// What the judge calls it.
-    pub name: Life,
+    /// The life's number for the judge.
+    pub id: Life,
     child: Child,
     tail: Option<Tail>,
 }
 
-/// See the module.
-pub struct Stage {
+/// The processes of a run.
+pub struct Processes {
     /// All processes.
-    pub actors: Vec<Actor>,
-    /// What the subscribers' notes come to.
+    pub all: Vec<Process>,
+    /// The judge of the readers' records.
     pub judge: Judge,
-    /// Processes that ended by themselves, in words: each needs a human.
+    /// Descriptions of processes that ended by themselves, which is a fault.
     pub ended: Vec<String>,
     folder: PathBuf,
     prefix: String,
@@ -50,24 +50,24 @@ pub struct Stage {
     log: Log,
 }
 
-impl Stage {
-    /// A stage with nobody on it yet. Without a command for BEAM nodes there are none.
-    pub fn new(node_command: Vec<String>, log: Log) -> io::Result<Stage> {
-        // The tests' run, which finds by its name what was left behind.
+impl Processes {
+    /// Returns the processes, not started yet. Without a command for BEAM nodes there are none.
+    pub fn new(node_command: Vec<String>, log: Log) -> io::Result<Processes> {
+        // The name of the tests' run, by which leftovers are found.
         let run = std::env::var("GANGLION_RUN").unwrap_or_else(|_| "run".into());
         let prefix = format!("chaos.{run}.{}", std::process::id());
         let folder = std::env::temp_dir().join(format!("ganglion-{prefix}"));
         std::fs::create_dir(&folder)?;
         let now = Instant::now();
-        let actor = |role| Actor {
+        let process = |role| Process {
             role,
             life: None,
             due: now,
             corrupt: false,
         };
         let roles = Role::all(!node_command.is_empty());
-        Ok(Stage {
-            actors: roles.into_iter().map(actor).collect(),
+        Ok(Processes {
+            all: roles.into_iter().map(process).collect(),
             judge: Judge::default(),
             ended: Vec::new(),
             folder,
@@ -78,25 +78,25 @@ impl Stage {
         })
     }
 
-    /// Whether BEAM nodes take part.
+    /// Returns whether BEAM nodes take part.
     pub fn with_nodes(&self) -> bool {
         !self.node_command.is_empty()
     }
 
-    /// A topic of the plan.
+    /// Returns a topic of the plan.
     pub fn topic(&self, number: usize) -> Result<Topic, Error> {
         Topic::new(&self.topic_name(number))
     }
 
     fn topic_name(&self, number: usize) -> String {
-        format!("{}-{}", self.prefix, LINES[number].label)
+        format!("{}-{}", self.prefix, TOPICS[number].label)
     }
 
-    /// Starts an actor that does not run.
+    /// Starts a process that does not run.
     pub fn start(&mut self, index: usize, random: &mut Random) -> io::Result<()> {
         self.lives += 1;
-        let name = Life(self.lives);
-        let Actor { role, corrupt, .. } = self.actors[index];
+        let id = Life(self.lives);
+        let Process { role, corrupt, .. } = self.all[index];
         let path = self.folder.join(self.lives.to_string());
         let tail = match role {
             Role::Publisher(_) => None,
@@ -105,7 +105,7 @@ impl Stage {
         let mut command = match role {
             Role::Node(node) => self.node(node, &path),
             Role::Publisher(topic) => self.publisher(topic, corrupt)?,
-            Role::Reader(topic, manner) => self.reader(topic, manner, &path)?,
+            Role::Reader(topic, behaviour) => self.reader(topic, behaviour, &path)?,
         };
         let seed = random.next().to_string();
         let child = command
@@ -113,9 +113,9 @@ impl Stage {
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .spawn()?;
-        self.actors[index].life = Some(Running {
+        self.all[index].life = Some(Running {
             since: Instant::now(),
-            name,
+            id,
             child,
             tail,
         });
@@ -131,14 +131,14 @@ impl Stage {
         Ok(command)
     }
 
-    fn reader(&self, topic: usize, manner: Manner, log: &Path) -> io::Result<Command> {
+    fn reader(&self, topic: usize, behaviour: Behaviour, log: &Path) -> io::Result<Command> {
         let mut command = Command::new(std::env::current_exe()?);
         command.arg("subscribe").args(self.names(topic));
         command.arg("--log").arg(log);
-        match manner {
-            Manner::Steady => {}
-            Manner::Restless => _ = command.arg("--restless"),
-            Manner::Leasing => _ = command.arg("--leasing"),
+        match behaviour {
+            Behaviour::Steady => {}
+            Behaviour::Restless => _ = command.arg("--restless"),
+            Behaviour::Leasing => _ = command.arg("--leasing"),
         }
         Ok(command)
     }
@@ -152,7 +152,8 @@ impl Stage {
         ]
     }
 
-    /// What the node is to do stands in its environment: `number:name:slot_count:slot_size:burst:pause_ms` for each topic.
+    /// Returns the command of a node, whose environment describes its topics:
+    /// `number:name:slot_count:slot_size:burst:pause_ms` for each.
     fn node(&self, node: usize, log: &Path) -> Command {
         let role = Role::Node(node);
         let (publishes, reads): (Vec<_>, Vec<_>) = plan::topics(true)
@@ -164,88 +165,88 @@ impl Stage {
         command
             .args(&self.node_command[1..])
             .env("CHAOS_LOG", log)
-            .env("CHAOS_PUBLISH", self.lines(publishes.iter().copied()))
-            .env("CHAOS_SUBSCRIBE", self.lines(reads));
+            .env("CHAOS_PUBLISH", self.describe(publishes.iter().copied()))
+            .env("CHAOS_SUBSCRIBE", self.describe(reads));
         command
     }
 
-    fn lines(&self, topics: impl Iterator<Item = usize>) -> String {
+    fn describe(&self, topics: impl Iterator<Item = usize>) -> String {
         let texts: Vec<String> = topics
             .map(|topic| {
-                let line = &LINES[topic];
+                let plan = &TOPICS[topic];
                 format!(
                     "{topic}:{}:{}:{}:{}:{}",
                     self.topic_name(topic),
-                    line.slot_count,
-                    line.slot_size,
-                    line.burst,
-                    line.pause.as_millis()
+                    plan.slot_count,
+                    plan.slot_size,
+                    plan.burst,
+                    plan.pause.as_millis()
                 )
             })
             .collect();
         texts.join(" ")
     }
 
-    /// Kills a running actor with SIGKILL and reads what it noted to the end.
+    /// Kills a process with SIGKILL and reads the rest of its log.
     pub fn kill(&mut self, index: usize) -> io::Result<()> {
-        let actor = &mut self.actors[index];
-        let Some(mut life) = actor.life.take() else {
+        let process = &mut self.all[index];
+        let Some(mut life) = process.life.take() else {
             return Ok(());
         };
         life.child.kill()?;
         life.child.wait()?;
-        read(actor.role, &mut life, &mut self.judge)?;
-        self.judge.bury(life.name);
+        read(process.role, &mut life, &mut self.judge)?;
+        self.judge.remove(life.id);
         Ok(())
     }
 
-    /// Reads what all have noted meanwhile.
+    /// Reads the new records of all logs.
     pub fn read_logs(&mut self) -> io::Result<()> {
-        for actor in &mut self.actors {
-            if let Some(life) = &mut actor.life {
-                read(actor.role, life, &mut self.judge)?;
+        for process in &mut self.all {
+            if let Some(life) = &mut process.life {
+                read(process.role, life, &mut self.judge)?;
             }
         }
         Ok(())
     }
 
-    /// Looks for processes that ended by themselves; they are started again after `pause`.
-    pub fn look_for_ended(&mut self, pause: Duration) -> io::Result<()> {
-        for index in 0..self.actors.len() {
-            let Some(life) = &mut self.actors[index].life else {
+    /// Reports processes that ended by themselves and restarts them after `pause`.
+    pub fn restart_ended(&mut self, pause: Duration) -> io::Result<()> {
+        for index in 0..self.all.len() {
+            let Some(life) = &mut self.all[index].life else {
                 continue;
             };
             if let Some(status) = life.child.try_wait()? {
-                let text = format!("{:?} ended by itself: {status}", self.actors[index].role);
+                let text = format!("{:?} ended by itself: {status}", self.all[index].role);
                 self.log.line(&text);
                 self.ended.push(text);
                 self.kill(index)?;
-                self.actors[index].due = Instant::now() + pause;
+                self.all[index].due = Instant::now() + pause;
             }
         }
         Ok(())
     }
 
-    /// Whether every reader of a topic has accepted a message published after `since_ns`.
+    /// Returns whether each reader of a topic has accepted a message published after `since_ns`.
     pub fn flows(&self, topic: usize, since_ns: u64) -> bool {
         let reached = |life: &Running| {
             self.judge
-                .newest_of(life.name, topic as u32)
+                .newest_of(life.id, topic as u32)
                 .is_some_and(|at| at > since_ns)
         };
-        self.actors
+        self.all
             .iter()
-            .filter(|actor| actor.role.reads(topic))
-            .all(|actor| actor.life.as_ref().is_some_and(reached))
+            .filter(|process| process.role.reads(topic))
+            .all(|process| process.life.as_ref().is_some_and(reached))
     }
 
-    /// For how long a topic's publisher and at least one of its readers have lived without a break.
+    /// Returns how long a topic's publisher and at least one of its readers have been running.
     pub fn undisturbed(&self, topic: usize) -> Option<Duration> {
-        let longest = |takes_part: &dyn Fn(Role) -> bool| {
-            self.actors
+        let longest = |has_part: &dyn Fn(Role) -> bool| {
+            self.all
                 .iter()
-                .filter(|actor| takes_part(actor.role))
-                .filter_map(|actor| actor.life.as_ref())
+                .filter(|process| has_part(process.role))
+                .filter_map(|process| process.life.as_ref())
                 .map(|life| life.since.elapsed())
                 .max()
         };
@@ -253,21 +254,27 @@ impl Stage {
         let reader = longest(&|role| role.reads(topic))?;
         Some(publisher.min(reader))
     }
+
+    /// Returns the number of running readers of a topic.
+    pub fn live_readers(&self, topic: usize) -> usize {
+        let readers = self.all.iter().filter(|process| process.role.reads(topic));
+        readers.filter(|process| process.life.is_some()).count()
+    }
 }
 
 fn read(role: Role, life: &mut Running, judge: &mut Judge) -> io::Result<()> {
     let Some(tail) = &mut life.tail else {
         return Ok(());
     };
-    for record in tail.news()? {
-        judge.take(life.name, role.in_order(), &record);
+    for record in tail.read_new()? {
+        judge.check(life.id, role.in_order(), &record);
     }
     Ok(())
 }
 
-impl Drop for Stage {
+impl Drop for Processes {
     fn drop(&mut self) {
-        for index in 0..self.actors.len() {
+        for index in 0..self.all.len() {
             let _ = self.kill(index);
         }
         for (number, _) in plan::topics(true) {
