@@ -1,6 +1,8 @@
-// usage: peer COUNT OWN OTHER...
-//
-// The peer in C++, as a Node: README.md says what it does.
+/// @file
+/// The peer in C++, a Node. See README.md.
+///
+/// Usage: peer COUNT OWN OTHER...
+
 #include <array>
 #include <atomic>
 #include <cstdint>
@@ -41,7 +43,9 @@ private:
       std::array<std::uint32_t, 256> entries{};
       for (std::uint32_t i = 0; i < 256; ++i) {
         std::uint32_t entry = i;
-        for (int bit = 0; bit < 8; ++bit) entry = (entry >> 1) ^ ((entry & 1) != 0 ? 0xEDB88320u : 0u);
+        for (int bit = 0; bit < 8; ++bit) {
+          entry = (entry >> 1) ^ ((entry & 1) != 0 ? 0xEDB88320u : 0u);
+        }
         entries[i] = entry;
       }
       return entries;
@@ -52,7 +56,7 @@ private:
   std::uint32_t crc_ = 0xFFFFFFFFu;
 };
 
-// Message n of a topic.
+/// Returns message @p n of a topic.
 std::vector<unsigned char> message(const std::string& topic, std::uint64_t n) {
   const std::uint32_t length = static_cast<std::uint32_t>(n * 2654435761u) % (LONGEST_BODY + 1);
   const std::uint64_t word = n * UINT64_C(0x9E3779B97F4A7C15);
@@ -61,13 +65,16 @@ std::vector<unsigned char> message(const std::string& topic, std::uint64_t n) {
   std::memcpy(&bytes[0], &n, 8);
   std::memcpy(&bytes[8], &name, 4);
   std::memcpy(&bytes[12], &length, 4);
-  for (std::uint32_t i = 0; i < length; ++i) bytes[HEADER + i] = static_cast<unsigned char>(word >> (i % 8 * 8));
-  const std::uint32_t checksum = Crc32().add(bytes.data(), 16).add(bytes.data() + HEADER, length).value();
+  for (std::uint32_t i = 0; i < length; ++i) {
+    bytes[HEADER + i] = static_cast<unsigned char>(word >> (i % 8 * 8));
+  }
+  const std::uint32_t checksum =
+      Crc32().add(bytes.data(), 16).add(bytes.data() + HEADER, length).value();
   std::memcpy(&bytes[16], &checksum, 4);
   return bytes;
 }
 
-void say(const std::string& line) { std::cout << line + "\n" << std::flush; }
+void print_line(const std::string& line) { std::cout << line + "\n" << std::flush; }
 
 class Peer : public conduit::Node {
 public:
@@ -75,7 +82,8 @@ public:
       : count_(count), publisher_(advertise(own, {SLOTS, SLOT_HEADER + HEADER + LONGEST_BODY})) {
     for (const std::string& topic : others) {
       Other& other = others_.emplace_back(topic);
-      subscribe(topic, [this, &other](const conduit::Message& received) { read(other, received); });
+      subscribe(topic,
+                [this, &other](const conduit::Message& received) { read(other, received); });
     }
     loop(1000.0, &Peer::publish);
   }
@@ -94,28 +102,34 @@ private:
         if (other.read.load() + WINDOW <= next_) return;
       }
       const auto bytes = message(publisher_.topic(), next_);
-      if (!publisher_.publish(bytes.data(), bytes.size())) fail("message " + std::to_string(next_) + " was not published");
+      if (!publisher_.publish(bytes.data(), bytes.size())) {
+        fail("message " + std::to_string(next_) + " was not published");
+      }
     }
   }
 
   void read(Other& other, const conduit::Message& received) {
     const std::uint64_t n = other.read.load();
     const auto expected = message(other.topic, n);
-    const bool is_whole =
-        received.size() == expected.size() && std::memcmp(received.data(), expected.data(), expected.size()) == 0;
-    if (received.lost() != 0 || received.sequence() != n || !is_whole) {
-      std::ostringstream sentence;
-      sentence << other.topic << ": what came as number " << received.sequence() << ", " << received.lost()
-               << " lost before, is not message " << n;
-      fail(sentence.str());
+    const bool is_intact = received.size() == expected.size() &&
+                           std::memcmp(received.data(), expected.data(), expected.size()) == 0;
+    if (received.lost() != 0 || received.sequence() != n || !is_intact) {
+      std::ostringstream error;
+      error << other.topic << ": expected message " << n << ", got: message "
+            << received.sequence() << (is_intact ? "" : " with other bytes") << ", lost "
+            << received.lost();
+      fail(error.str());
     }
     other.bytes += received.size();
     other.read.store(n + 1);
-    if (n + 1 == count_) say("verified " + other.topic + " " + std::to_string(n + 1) + " " + std::to_string(other.bytes));
+    if (n + 1 == count_) {
+      print_line("verified " + other.topic + " " + std::to_string(n + 1) + " " +
+                 std::to_string(other.bytes));
+    }
   }
 
-  [[noreturn]] static void fail(const std::string& sentence) {
-    std::cerr << "c++: " << sentence << std::endl;
+  [[noreturn]] static void fail(const std::string& error) {
+    std::cerr << "c++: " << error << std::endl;
     std::_Exit(1);
   }
 
@@ -130,8 +144,9 @@ private:
 int main(int argc, char** argv) {
   if (argc < 3) return 2;
   try {
-    Peer peer(std::strtoull(argv[1], nullptr, 10), argv[2], std::vector<std::string>(argv + 3, argv + argc));
-    say("ready");
+    Peer peer(std::strtoull(argv[1], nullptr, 10), argv[2],
+              std::vector<std::string>(argv + 3, argv + argc));
+    print_line("ready");
     std::string line;
     std::getline(std::cin, line);
     std::thread end([&peer] {
@@ -141,8 +156,8 @@ int main(int argc, char** argv) {
     });
     peer.run();
     end.join();
-  } catch (const std::exception& thrown) {
-    std::cerr << "c++: " << thrown.what() << std::endl;
+  } catch (const std::exception& error) {
+    std::cerr << "c++: " << error.what() << std::endl;
     return 1;
   }
 }

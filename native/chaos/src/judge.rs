@@ -40,8 +40,8 @@ struct Place {
 const MAX_FINDINGS: usize = 20;
 
 impl Judge {
-    /// Checks a record of a reader. `in_order` says whether the reader stays subscribed during its
-    /// life.
+    /// Checks a record of a reader. `in_order` says whether the reader stays subscribed during
+    /// its life.
     pub fn check(&mut self, life: Life, in_order: bool, record: &Record) {
         self.messages += 1;
         if !record.whole {

@@ -47,8 +47,8 @@ pub fn write(buffer: &mut Vec<u8>, identity: &Identity, len: usize) {
     buffer[CHECKSUM].copy_from_slice(&sum.to_le_bytes());
 }
 
-/// Returns the identity and checksum of a message. Returns `None` if the message is damaged or not
-/// the one of this topic and sequence number.
+/// Returns the identity and checksum of a message. Returns `None` if the message is damaged or
+/// not the one of this topic and sequence number.
 pub fn verify(message: &[u8], topic: u32, sequence: u64) -> Option<(Identity, u32)> {
     let (head, _) = message.split_first_chunk::<HEADER>()?;
     let word = |at: usize| u32::from_le_bytes(std::array::from_fn(|i| head[at + i]));

@@ -45,8 +45,8 @@ impl Random {
         Duration::from_micros(self.below(longest.as_micros() as u64 + 1))
     }
 
-    /// Returns a length of `least..=most`. Each power of two is equally likely as a bound, so small
-    /// lengths are frequent.
+    /// Returns a length of `least..=most`. Each power of two is equally likely as a bound, so
+    /// small lengths are frequent.
     pub fn length(&mut self, least: usize, most: usize) -> usize {
         let span = (most - least + 1) as u64;
         let bits = u64::from(span.ilog2()) + 1;

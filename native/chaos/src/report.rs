@@ -15,7 +15,7 @@ pub struct Report {
     pub messages: u64,
     /// Number of accepted torn messages.
     pub torn: u64,
-    /// Number of topics that did not deliver messages again or whose processes ended by themselves.
+    /// Number of topics that did not recover or whose processes ended by themselves.
     pub stuck: u64,
     /// Number of reader slots that no reader has and none can get.
     pub leaked: u64,

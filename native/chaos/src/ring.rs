@@ -44,8 +44,8 @@ const EARLY_KILL: Duration = Duration::from_millis(4);
 const AIM: Duration = Duration::from_millis(400);
 const CHECK_PERIOD: Duration = Duration::from_millis(10);
 const PROGRESS_PERIOD: Duration = Duration::from_secs(10);
-/// A node is killed this many times less often than a native process, because it starts slower than
-/// all others together.
+/// A node is killed this many times less often than a native process, because it starts slower
+/// than all others together.
 const NODE_IN: u64 = 2;
 /// The topic of injected faults.
 const VICTIM: usize = 0;

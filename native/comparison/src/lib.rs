@@ -1,35 +1,36 @@
-//! What the peers of the ring's benches share: options, pace, samples and the messages that they check.
+//! The shared parts of the benchmark peers: arguments, deadlines, messages and statistics.
 
 use std::str::FromStr;
 use std::time::Duration;
 
 use conduit_ring::clock;
 
-/// Bytes of the small message.
+/// Size of the small message in bytes.
 pub const SMALL: usize = 48;
 
-/// `name value` pairs of the command line after the verb.
+/// The `--name value` pairs of the command line.
 pub struct Arguments(Vec<String>);
 
 impl Arguments {
-    /// The verb and its arguments.
+    /// Returns the verb and its arguments.
     pub fn of_process() -> (String, Arguments) {
         let mut all = std::env::args().skip(1);
         (all.next().unwrap_or_default(), Arguments(all.collect()))
     }
 
-    /// The value of `--name`.
+    /// Returns the value of `--name`.
     ///
     /// # Panics
-    /// When it is missing or does not parse: the benches are the only callers.
+    ///
+    /// If the value is missing or invalid.
     pub fn get<T: FromStr>(&self, name: &str) -> T {
         let at = self.0.iter().position(|word| word == name);
         at.and_then(|at| self.0.get(at + 1)?.parse().ok())
-            .unwrap_or_else(|| panic!("{name} VALUE is needed"))
+            .unwrap_or_else(|| panic!("{name} VALUE is missing or invalid"))
     }
 }
 
-/// A small message that can be checked: the time at its front, then its number over and over.
+/// Returns a small message: the time, then the message's number repeated.
 pub fn stamped(number: u64) -> [u8; SMALL] {
     let mut message = [0; SMALL];
     for part in message.chunks_exact_mut(8) {
@@ -39,10 +40,11 @@ pub fn stamped(number: u64) -> [u8; SMALL] {
     message
 }
 
-/// How old the message is, in nanoseconds, by the clock now.
+/// Returns the age of a message in nanoseconds.
 ///
 /// # Panics
-/// When it is not message `number`, whole.
+///
+/// If the message is not message `number` or is damaged.
 pub fn age_of(message: &[u8], number: u64) -> u64 {
     let now = clock::now_ns();
     assert_eq!(message.len(), SMALL, "length of message {number}");
@@ -51,19 +53,19 @@ pub fn age_of(message: &[u8], number: u64) -> u64 {
         message[8..]
             .chunks_exact(8)
             .all(|part| word(part) == number),
-        "message {number} is not what was sent"
+        "message {number} is damaged"
     );
     now.saturating_sub(word(&message[..8]))
 }
 
-/// Absolute deadlines at a rate.
-pub struct Pace {
+/// Periodic deadlines.
+pub struct Deadlines {
     next_ns: u64,
     period_ns: u64,
 }
 
-impl Pace {
-    /// The first deadline is one period from now.
+impl Deadlines {
+    /// Returns deadlines at a rate. The first one is one period from now.
     pub fn new(rate_hz: u64) -> Self {
         let period_ns = 1_000_000_000 / rate_hz;
         Self {
@@ -81,14 +83,15 @@ impl Pace {
     }
 }
 
-/// Prints the median and the 99th percentile as one JSON object.
+/// Prints the median and the 99th percentile in nanoseconds as one JSON object.
 pub fn print_latencies(mut ages: Vec<u64>) {
     ages.sort_unstable();
     let at = |share: f64| ages[((ages.len() - 1) as f64 * share) as usize];
     println!("{{\"p50_ns\":{},\"p99_ns\":{}}}", at(0.5), at(0.99));
 }
 
-/// Prints the median of so many runs of `step`, in nanoseconds, as one JSON object. The first tenth warms up.
+/// Runs `step` in `rounds` rounds of `calls` calls. Prints the median duration of a call in
+/// nanoseconds as one JSON object. Ignores the first tenth of the rounds.
 pub fn print_median(rounds: usize, calls: usize, mut step: impl FnMut()) {
     let mut samples: Vec<f64> = (0..rounds)
         .map(|_| {

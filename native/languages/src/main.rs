@@ -1,6 +1,8 @@
-//! usage: languages COUNT OWN OTHER...
+//! The peer in Rust. See README.md.
 //!
-//! The peer in Rust: README.md says what it does.
+//! ```text
+//! Usage: languages COUNT OWN OTHER...
+//! ```
 
 use std::error::Error;
 use std::io::{self, Write};
@@ -16,36 +18,36 @@ const SLOTS: u32 = 64;
 const WINDOW: u64 = 16;
 const HEADER: usize = 20;
 const LONGEST_BODY: u32 = 61_440;
-/// Longer than a pause of any peer: only a failing one waits so long.
-const LIMIT: Duration = Duration::from_secs(60);
+/// The longest wait for a message, longer than any pause of a working peer.
+const TIMEOUT: Duration = Duration::from_secs(60);
 
-type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
+type Result<T> = std::result::Result<T, Box<dyn Error + Send + Sync>>;
 
-fn main() -> Outcome<()> {
+fn main() -> Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [count, own, others @ ..] = &arguments[..] else {
-        return Err("usage: languages COUNT OWN OTHER...".into());
+        return Err("Usage: languages COUNT OWN OTHER...".into());
     };
     let count = count.parse()?;
     let own = Topic::new(own)?;
     let subscribers = others
         .iter()
         .map(|name| subscribe(name))
-        .collect::<Outcome<Vec<_>>>()?;
+        .collect::<Result<Vec<_>>>()?;
     let options = PublisherOptions {
         geometry: Geometry::depth(SLOTS, LONGEST_BODY + HEADER as u32)?,
         ..PublisherOptions::default()
     };
     let mut publisher = Publisher::open(&own, &options)?;
-    say("ready")?;
+    print_line("ready")?;
     await_line()?;
     let progress = Progress::new(subscribers.len());
     thread::scope(|scope| {
         for (index, subscriber) in subscribers.into_iter().enumerate() {
             let progress = &progress;
             scope.spawn(move || {
-                if let Err(fault) = read(subscriber, count, |n| progress.tell(index, n)) {
-                    eprintln!("rust: {fault}");
+                if let Err(error) = read(subscriber, count, |n| progress.set(index, n)) {
+                    eprintln!("rust: {error}");
                     std::process::exit(1);
                 }
             });
@@ -55,12 +57,12 @@ fn main() -> Outcome<()> {
     await_line()
 }
 
-fn subscribe(name: &str) -> Outcome<Subscriber> {
+fn subscribe(name: &str) -> Result<Subscriber> {
     let topic = Topic::new(name)?;
     Ok(Subscriber::open(&topic, &SubscriberOptions::default())?)
 }
 
-fn publish(publisher: &mut Publisher, count: u64, progress: &Progress) -> Outcome<()> {
+fn publish(publisher: &mut Publisher, count: u64, progress: &Progress) -> Result<()> {
     for n in 0..count {
         progress.await_all((n + 1).saturating_sub(WINDOW));
         publisher.publish(&message(publisher.topic(), n))?;
@@ -68,29 +70,31 @@ fn publish(publisher: &mut Publisher, count: u64, progress: &Progress) -> Outcom
     Ok(())
 }
 
-/// Reads all of a topic, and tells after each message how many they are.
-fn read(mut subscriber: Subscriber, count: u64, tell: impl Fn(u64)) -> Outcome<()> {
+/// Reads all messages of a topic and reports their number after each one.
+fn read(mut subscriber: Subscriber, count: u64, report: impl Fn(u64)) -> Result<()> {
     let topic = subscriber.topic().clone();
     let mut buffer = Vec::new();
     let (mut next, mut bytes) = (0, 0);
     while next < count {
-        match subscriber.read_timeout(&mut buffer, LIMIT)? {
+        match subscriber.read_timeout(&mut buffer, TIMEOUT)? {
             Read::Message(meta) => {
                 if meta.lost > 0 || meta.sequence != next || buffer != message(&topic, next) {
-                    return Err(format!("{topic:?}: {meta:?} is not message {next}").into());
+                    return Err(format!("{topic:?}: expected message {next}, got: {meta:?}").into());
                 }
                 next += 1;
                 bytes += buffer.len();
-                tell(next);
+                report(next);
             }
             Read::PublisherUp => {}
-            other => return Err(format!("{topic:?}: {other:?} before message {next}").into()),
+            other => {
+                return Err(format!("{topic:?}: expected message {next}, got: {other:?}").into());
+            }
         }
     }
-    say(&format!("verified {} {next} {bytes}", topic.name()))
+    print_line(&format!("verified {} {next} {bytes}", topic.name()))
 }
 
-/// Message `n` of a topic.
+/// Returns message `n` of a topic.
 fn message(topic: &Topic, n: u64) -> Vec<u8> {
     let len = (n as u32).wrapping_mul(2_654_435_761) % (LONGEST_BODY + 1);
     let word = n.wrapping_mul(0x9E37_79B9_7F4A_7C15).to_le_bytes();
@@ -108,7 +112,7 @@ fn message(topic: &Topic, n: u64) -> Vec<u8> {
     message
 }
 
-/// How many messages of each topic have been read.
+/// The number of messages read from each topic.
 struct Progress {
     read: Mutex<Vec<u64>>,
     changed: Condvar,
@@ -122,7 +126,7 @@ impl Progress {
         }
     }
 
-    fn tell(&self, topic: usize, count: u64) {
+    fn set(&self, topic: usize, count: u64) {
         self.read.lock().unwrap_or_else(PoisonError::into_inner)[topic] = count;
         self.changed.notify_one();
     }
@@ -134,13 +138,13 @@ impl Progress {
     }
 }
 
-fn say(line: &str) -> Outcome<()> {
+fn print_line(line: &str) -> Result<()> {
     let mut out = io::stdout().lock();
     writeln!(out, "{line}")?;
     Ok(out.flush()?)
 }
 
-fn await_line() -> Outcome<()> {
+fn await_line() -> Result<()> {
     io::stdin().read_line(&mut String::new())?;
     Ok(())
 }

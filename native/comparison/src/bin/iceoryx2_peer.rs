@@ -1,4 +1,5 @@
-//! The same jobs as `ring_peer`'s by iceoryx2: loan, copy, send; an event service wakes the sleeper.
+//! The benchmark peer for iceoryx2. It loans, copies and sends; an event service wakes the
+//! receiver.
 //!
 //! ```text
 //! iceoryx2_peer publish --bytes N --rounds N --calls N
@@ -9,13 +10,13 @@
 use std::hint::black_box;
 use std::time::Duration;
 
-use comparison::{Arguments, Pace, SMALL, age_of, print_latencies, print_median, stamped};
+use comparison::{Arguments, Deadlines, SMALL, age_of, print_latencies, print_median, stamped};
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::*;
 
 type Ipc = ipc::Service;
 
-/// Messages kept for a subscriber, as many as the ring has slots.
+/// Size of a subscriber's buffer in messages, equal to the ring's number of slots.
 const DEPTH: usize = 256;
 
 fn main() {
@@ -25,7 +26,7 @@ fn main() {
         "publish" => publish(&arguments),
         "send" => send(&arguments),
         "receive" => receive(&arguments),
-        other => panic!("unknown verb {other:?}"),
+        other => panic!("unknown verb {other:?}; expected one of: publish, send, receive"),
     }
 }
 
@@ -52,11 +53,11 @@ fn publish(arguments: &Arguments) {
         .expect("a publisher");
     let message = vec![7_u8; bytes];
     print_median(arguments.get("--rounds"), arguments.get("--calls"), || {
-        put(&publisher, black_box(&message))
+        send_copy(&publisher, black_box(&message))
     });
 }
 
-fn put(publisher: &Publisher<Ipc, [u8], ()>, message: &[u8]) {
+fn send_copy(publisher: &Publisher<Ipc, [u8], ()>, message: &[u8]) {
     let sample = publisher.loan_slice_uninit(message.len()).expect("a loan");
     sample.write_from_slice(message).send().expect("sent");
 }
@@ -87,10 +88,10 @@ fn send(arguments: &Arguments) {
         std::thread::sleep(Duration::from_millis(1));
     }
     std::thread::sleep(Duration::from_millis(100));
-    let mut pace = Pace::new(arguments.get("--rate"));
+    let mut deadlines = Deadlines::new(arguments.get("--rate"));
     for number in 0..arguments.get("--count") {
-        pace.wait();
-        put(&publisher, &stamped(number));
+        deadlines.wait();
+        send_copy(&publisher, &stamped(number));
         notifier.notify().expect("notified");
     }
     std::thread::sleep(Duration::from_millis(200));

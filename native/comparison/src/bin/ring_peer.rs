@@ -1,11 +1,11 @@
-//! The ring's native half in the benches.
+//! The benchmark peer for the ring.
 //!
 //! ```text
-//! ring_peer memcpy  --bytes N --rounds N --calls N     a bare copy into shared memory
-//! ring_peer publish --bytes N --rounds N --calls N     publishing from native code, nobody asleep
-//! ring_peer send    --topic T --count N --rate HZ      stamped messages at a rate
-//! ring_peer receive --topic T --count N                the age of each, asleep in between
-//! ring_peer port    --count N --rate HZ                stamped messages to standard output, for an Erlang port
+//! ring_peer memcpy  --bytes N --rounds N --calls N     copy into shared memory
+//! ring_peer publish --bytes N --rounds N --calls N     publish without readers
+//! ring_peer send    --topic T --count N --rate HZ      send stamped messages at a rate
+//! ring_peer receive --topic T --count N                measure the age of each message
+//! ring_peer port    --count N --rate HZ                write stamped messages to standard output
 //! ```
 
 use std::hint::black_box;
@@ -13,13 +13,13 @@ use std::io::Write;
 use std::os::fd::AsRawFd;
 use std::time::Duration;
 
-use comparison::{Arguments, Pace, age_of, print_latencies, print_median, stamped};
+use comparison::{Arguments, Deadlines, age_of, print_latencies, print_median, stamped};
 use conduit_ring::{
     Geometry, Publisher, PublisherOptions, Read, Subscriber, SubscriberOptions, Topic,
 };
 
 const SLOTS: usize = 4;
-/// Deep enough that a receiver which is not run for a quarter of a second loses nothing.
+/// Number of slots with which a receiver may pause for a quarter of a second without a loss.
 const DEPTH: u32 = 256;
 
 fn main() {
@@ -30,11 +30,13 @@ fn main() {
         "send" => send(&arguments),
         "receive" => receive(&arguments),
         "port" => port(&arguments),
-        other => panic!("unknown verb {other:?}"),
+        other => {
+            panic!("unknown verb {other:?}; expected one of: memcpy, publish, send, receive, port")
+        }
     }
 }
 
-/// Four places in turn, as a ring of four slots has them.
+/// Copies to four places in turn, like a ring of four slots.
 fn memcpy(arguments: &Arguments) {
     let bytes: usize = arguments.get("--bytes");
     let target = SharedMemory::new(SLOTS * bytes);
@@ -42,7 +44,7 @@ fn memcpy(arguments: &Arguments) {
     let mut turn = 0;
     print_median(arguments.get("--rounds"), arguments.get("--calls"), || {
         let place = target.at(turn % SLOTS * bytes);
-        // SAFETY: the place has room for `bytes` bytes, and nobody else uses the memory.
+        // SAFETY: the place has room for `bytes` bytes, and no other code uses the memory.
         unsafe { std::ptr::copy_nonoverlapping(black_box(&source).as_ptr(), place, bytes) };
         turn += 1;
     });
@@ -58,7 +60,7 @@ impl SharedMemory {
         file.set_len(len as u64).expect("its length");
         drop(file.metadata());
         let file = reopen(&file);
-        // SAFETY: a new mapping of a file that is as long as the mapping.
+        // SAFETY: creates a new mapping, and the file is as long as the mapping.
         let start = unsafe {
             let protection = libc::PROT_READ | libc::PROT_WRITE;
             let flags = libc::MAP_SHARED | libc::MAP_POPULATE;
@@ -85,7 +87,7 @@ impl SharedMemory {
     }
 }
 
-/// A mapping to be written needs a descriptor that reads as well.
+/// Opens the file for reading and writing, which a writable mapping requires.
 fn reopen(file: &std::fs::File) -> std::fs::File {
     let path = format!("/proc/self/fd/{}", file.as_raw_fd());
     std::fs::File::options()
@@ -131,12 +133,12 @@ fn send(arguments: &Arguments) {
     while publisher.info().readers.is_empty() {
         std::thread::sleep(Duration::from_millis(1));
     }
-    let mut pace = Pace::new(arguments.get("--rate"));
+    let mut deadlines = Deadlines::new(arguments.get("--rate"));
     for number in 0..arguments.get("--count") {
-        pace.wait();
+        deadlines.wait();
         publisher.publish(&stamped(number)).expect("published");
     }
-    // The reader is to have the last one before the topic ends.
+    // Lets the reader get the last message before the topic ends.
     std::thread::sleep(Duration::from_millis(200));
 }
 
@@ -163,13 +165,13 @@ fn receive(arguments: &Arguments) {
 }
 
 fn port(arguments: &Arguments) {
-    let mut pace = Pace::new(arguments.get("--rate"));
+    let mut deadlines = Deadlines::new(arguments.get("--rate"));
     let mut output = std::io::stdout();
     for number in 0..arguments.get("--count") {
-        pace.wait();
+        deadlines.wait();
         output.write_all(&stamped(number)).expect("written");
         output.flush().expect("flushed");
     }
-    // Standard input ends when the port is closed.
+    // The standard input ends when the port closes.
     let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
 }
