@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn two_messages_under_one_number_are_counted_whoever_accepted_them() {
+    fn two_messages_with_one_number_are_counted_for_any_readers() {
         let other_writer = Record {
             writer: 101,
             ..message(4)

@@ -1,7 +1,7 @@
 //! `apriltag_msgs/msg/AprilTagDetectionArray`: the tags found in one camera frame, with a tail of
 //! ours.
 //!
-//! The tail identifies the frame, gives its capture time by a clock that nobody can set, and the
+//! The tail identifies the frame, gives its capture time by a clock that cannot be set, and the
 //! robot's angular speed at that time. It follows the message's last field, where a reader of the
 //! standard type stops, at the next multiple of 8:
 //!

@@ -132,7 +132,7 @@ proptest! {
     }
 
     #[test]
-    fn no_message_is_larger_than_foretold(tags in tags()) {
+    fn no_message_is_larger_than_its_maximum_size(tags in tags()) {
         let family = tags.detections.iter().map(|tag| tag.family.len()).max().unwrap_or(0);
         let largest = largest_message(tags.detections.len(), family, tags.frame_id.len());
         prop_assert!(tags.encode().len() <= largest);
