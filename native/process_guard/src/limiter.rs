@@ -67,9 +67,7 @@ impl Limiter {
         }
     }
 
-    /// Releases the held lines when the rate allows it.
-
-    /// Ends a storm when it is over, or when there is room for an excerpt of it.
+    /// Releases the held lines when the rate allows it and there is room for them.
     pub fn recover(&mut self, now: Instant) {
         let passed = now.saturating_duration_since(self.counted_at).as_secs_f64();
         self.allowed = (self.allowed + passed * self.rate).min(self.burst);
