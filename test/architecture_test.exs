@@ -246,6 +246,12 @@ defmodule ArchitectureTest do
     end
   end
 
+  # The compiler's own references. Those in types are not among them: they make no file depend on
+  # another.
+  test "no reference cycle has more than three files" do
+    assert [] == for(cycle <- cycles(references()), length(cycle) > 3, do: Enum.sort(cycle))
+  end
+
   test "what is compiled into the application is what stands in lib/", %{sources: sources} do
     compiled =
       for module <- Application.spec(:ganglion, :modules),
@@ -278,6 +284,16 @@ defmodule ArchitectureTest do
       for file <- files, do: File.write!(Path.join(dir, file), "")
       assert Source.own(dir) == Enum.take(files, 3)
       assert "lib/bb/path.ex" in Source.own()
+    end
+
+    test "sees a cycle of files, of any length" do
+      chain = for n <- 1..5, do: {n, n + 1}
+      assert [[6]] = for(cycle <- cycles(chain), 6 in cycle, do: cycle)
+      assert [[1, 2, 3, 4, 5, 6]] = [{6, 1} | chain] |> cycles() |> Enum.map(&Enum.sort/1)
+    end
+
+    test "reads the references of the compiler" do
+      assert {"lib/bb/sensor/polled.ex", "lib/bb/loop.ex"} in references()
     end
 
     test "sees a forbidden arrow, with its file and line, in whatever form it is drawn" do
@@ -558,6 +574,33 @@ defmodule ArchitectureTest do
   defp chip(module), do: module |> Module.split() |> Enum.take(3)
   defp listed([]), do: "nothing else"
   defp listed(parts), do: Enum.join(parts, ", ")
+
+  # References between files, as `mix xref graph` prints them: a file, and below it those that it names.
+
+  defp references do
+    ExUnit.CaptureIO.capture_io(fn -> Mix.Task.rerun("xref", ~w(graph --format plain)) end)
+    |> String.split("\n", trim: true)
+    |> Enum.map_reduce(nil, fn line, file ->
+      case String.split(line) do
+        [file] -> {{file, file}, file}
+        [_branch, named | _kind] -> {{file, named}, file}
+      end
+    end)
+    |> elem(0)
+  end
+
+  defp cycles(references) do
+    graph = :digraph.new()
+
+    for {file, named} <- references,
+        vertex <- [file, named],
+        do: :digraph.add_vertex(graph, vertex)
+
+    for {file, named} <- references, do: :digraph.add_edge(graph, file, named)
+    cycles = :digraph_utils.strong_components(graph)
+    :digraph.delete(graph)
+    cycles
+  end
 
   # Sources
 

@@ -1,15 +1,20 @@
 defmodule DocumentationTest do
   @moduledoc """
-  Holds what the documentation promises: it is there, its links lead somewhere, and its examples
-  run. What it has a reader type in a shell is for `test/first_steps_test.exs`.
+  Holds what the documentation promises: it is complete, its links resolve, its examples run, and
+  its sentences have the form that `BB.Test.Prose` can judge. Shell blocks are for
+  `test/first_steps_test.exs`.
   """
 
   use ExUnit.Case, async: true
 
-  alias BB.Test.{DocBlocks, Run, Source}
+  doctest BB.Test.Prose
+
+  alias BB.Test.{DocBlocks, Prose, Run, Source}
 
   @documents ~w(README.md CONTRIBUTING.md CHANGELOG.md firmware/README.md docs/**/*.md native/**/README.md)
              |> Enum.flat_map(&Path.wildcard/1)
+
+  @sources ["mix.exs", ".formatter.exs", "{bench,config,examples,lib}/**/*.{ex,exs}"]
 
   # What config/host.exs says to a release: the robot that ships, on simulated buses.
   @console """
@@ -27,28 +32,112 @@ defmodule DocumentationTest do
   """
 
   describe "a module" do
-    test "says what it is, or that it is nobody's business" do
-      assert for({module, :none, _docs} <- modules(), do: module) == []
+    test "has a moduledoc or `@moduledoc false`" do
+      assert_none(for {module, :none, _docs, _meta} <- modules(), do: inspect(module))
     end
 
-    test "that is documented documents all its functions, macros and callbacks" do
-      undocumented =
-        for {module, moduledoc, docs} <- modules(),
+    test "with a moduledoc documents its functions, macros and callbacks" do
+      assert_none(
+        for {module, moduledoc, docs, _meta} <- modules(),
             is_map(moduledoc),
             {kind, name, arity} <- undocumented(docs),
             {name, arity} not in implemented(module),
-            do: "#{kind} #{inspect(module)}.#{name}/#{arity}"
+            do: "#{kind} #{inspect(module)}.#{name}/#{arity} has no @doc"
+      )
+    end
 
-      assert undocumented == []
+    test "with a moduledoc has a @spec for each of its functions" do
+      assert_none(
+        for {module, moduledoc, docs, _meta} <- modules(),
+            is_map(moduledoc),
+            {name, arity} <- unspecified(module, docs),
+            do: "#{inspect(module)}.#{name}/#{arity} has no @spec"
+      )
+    end
+
+    test "shows an example in its moduledoc, or says in `@moduledoc no_example:` why not" do
+      assert_none(
+        for {module, %{"en" => text}, _docs, meta} <- modules(),
+            not Prose.example?(text),
+            not reason?(meta[:no_example]),
+            do: "#{inspect(module)} has no example and no `@moduledoc no_example: \"reason\"`"
+      )
+    end
+
+    test "begins each doc with a sentence that ends with a full stop" do
+      assert_none(
+        for {module, moduledoc, docs, _meta} <- modules(),
+            {name, %{"en" => text}} <- [{"the moduledoc", moduledoc} | texts(docs)],
+            not Prose.first_sentence?(text),
+            do: "#{inspect(module)}, #{name}: #{text |> String.split("\n") |> hd()}"
+      )
     end
 
     test "has no iex> example that nobody runs" do
       tests = "test/**/*_test.exs" |> Path.wildcard() |> Enum.map(&Source.read!/1)
       run = for test <- tests, {module, []} <- test.doctests, do: module
-      shown = for {module, moduledoc, docs} <- modules(), examples?(moduledoc, docs), do: module
+
+      shown =
+        for {module, moduledoc, docs, _meta} <- modules(), examples?(moduledoc, docs), do: module
 
       for module <- shown,
           do: assert(module in run, "no test has `doctest #{inspect(module)}` without options")
+    end
+  end
+
+  describe "a line" do
+    test "of a document has at most 98 characters" do
+      assert_none(too_long(@documents, :markdown))
+    end
+
+    test "of a source has at most 98 characters" do
+      assert_none(
+        @sources
+        |> Enum.flat_map(&Path.wildcard(&1, match_dot: true))
+        |> too_long(:elixir)
+      )
+    end
+  end
+
+  test "an error message names what failed or what was expected" do
+    assert_none(
+      for file <- Path.wildcard("lib/**/*.ex"),
+          {line, message} <- file |> File.read!() |> Prose.vague_messages(),
+          do: "#{file}:#{line}: #{message}"
+    )
+  end
+
+  describe "the judge of form" do
+    test "leaves tables, URLs and fences alone" do
+      long = String.duplicate("word ", 30)
+      text = "| #{long} |\n```\n#{long}\n```\nhttps://host/ #{long}\n#{long}\n"
+      assert [{6, 150}] = Prose.long_lines(text, :markdown)
+    end
+
+    test "finds an example in a fence, in a doctest and in an indented block" do
+      for text <- ["```sh\nbin/test\n```", "    iex> 1", "A bus.\n\n    open()\n"],
+          do: assert(Prose.example?(text))
+
+      for text <- ["A bus.", "A bus.\n\n  * `rate:` - in hertz\n    or as a unit\n"],
+          do: refute(Prose.example?(text))
+    end
+
+    test "finds the end of the first sentence" do
+      assert Prose.first_sentence?("Opens the bus.\n\nMore")
+      refute Prose.first_sentence?("Opens the bus\n\nMore. And more.")
+    end
+
+    test "reads messages wherever they are made" do
+      source = """
+      def f(x), do: raise(ArgumentError, "what is given is no number: " <> inspect(x))
+      def g(x), do: raise BB.Error, message: "nobody has opened \#{x}"
+      def h(x), do: if(x, do: {:error, "there is none"}, else: {:error, "that of \#{x} failed"})
+      def message(error), do: if(error.path, do: "it is closed", else: "a \#{error.x} is what counts")
+      def i(x), do: Mix.raise("who \#{x}")
+      def j(x), do: raise("cannot open \#{x}")
+      """
+
+      assert source |> Prose.vague_messages() |> Enum.map(&elem(&1, 0)) == [1, 2, 3, 3, 4, 4, 5]
     end
   end
 
@@ -131,15 +220,25 @@ defmodule DocumentationTest do
     [{"CONDUIT_RING_DIR", topics}, {"MIX_ENV", "test"}, {"LC_ALL", "C.UTF-8"}]
   end
 
-  # Modules of the application: `{module, moduledoc, docs}`, where a moduledoc is a map of texts, :none or :hidden.
+  defp assert_none([]), do: :ok
+  defp assert_none(offenders), do: flunk(Enum.join(offenders, "\n"))
+
+  defp too_long(files, kind) do
+    for file <- files,
+        {line, columns} <- file |> File.read!() |> Prose.long_lines(kind),
+        do: "#{file}:#{line}: #{columns} characters"
+  end
+
+  # Modules of the application: `{module, moduledoc, docs, metadata}`. A moduledoc is a map of texts,
+  # :none or :hidden.
 
   defp modules do
     for module <- Application.spec(:ganglion, :modules),
         Code.ensure_loaded?(module),
         ours?(module),
         not function_exported?(module, :__impl__, 1) do
-      {:docs_v1, _, _, _, moduledoc, _, docs} = Code.fetch_docs(module)
-      {module, moduledoc, docs}
+      {:docs_v1, _, _, _, moduledoc, meta, docs} = Code.fetch_docs(module)
+      {module, moduledoc, docs, meta}
     end
   end
 
@@ -156,6 +255,28 @@ defmodule DocumentationTest do
         kind in [:function, :macro, :callback, :macrocallback],
         {kind, name} not in spoken_for,
         do: {kind, name, arity}
+  end
+
+  # A function with defaults has one doc, and a spec for one of its arities is enough.
+  # `use GenServer` and its like define child_spec/1, without a spec.
+  defp unspecified(module, docs) do
+    specified =
+      case Code.Typespec.fetch_specs(module) do
+        {:ok, specs} -> Enum.map(specs, &elem(&1, 0))
+        :error -> []
+      end
+
+    for {{:function, name, arity}, _, _, doc, meta} <- docs,
+        doc != :hidden,
+        {name, arity} not in [{:child_spec, 1} | implemented(module)],
+        not Enum.any?((arity - (meta[:defaults] || 0))..arity, &({name, &1} in specified)),
+        do: {name, arity}
+  end
+
+  defp reason?(text), do: is_binary(text) and String.trim(text) != ""
+
+  defp texts(docs) do
+    for {{_kind, name, arity}, _, _, %{} = doc, _} <- docs, do: {"#{name}/#{arity}", doc}
   end
 
   defp implemented(module) do
