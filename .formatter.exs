@@ -1,4 +1,4 @@
-# The words of a robot's declaration, which read best without parentheses.
+# The words of a robot's declaration.
 locals_without_parens =
   [settings: 1, parameters: 1, sensors: 1, controllers: 1, topology: 1] ++
     [param: 2, param: 3, group: 2, link: 1, link: 2, joint: 1, joint: 2, joint: 3] ++

@@ -1,6 +1,12 @@
 defmodule Ganglion.Robot do
   @moduledoc """
-  The robot that ships: an inertial measurement unit on its base, and a camera with a tag detector beside it.
+  The robot that ships: an inertial measurement unit, and a camera with a tag detector.
+
+  `bin/demo` runs it on a simulated bus; a board runs it from boot unless its configuration names
+  another robot.
+
+      {:ok, _pid} = Ganglion.Robot.start_link()
+      {:ok, _} = BB.subscribe(Ganglion.Robot, [:sensor, :base_link, :imu])
 
   | sensor | what | publishes |
   |---|---|---|
@@ -10,7 +16,7 @@ defmodule Ganglion.Robot do
   | `:imu_outlet` | pubsub → ring | ring topic `imu` |
   | `:tags_inlet` | ring → pubsub | `[:sensor, :base_link, :camera_mount, :camera_link, :tags]`, `BB.Message.Vision.TagDetections` |
 
-  The configuration `config :ganglion, camera_args: [...]` is given to the camera program (see `camera --help`).
+  `config :ganglion, camera_args: [...]` passes arguments to the camera program (`camera --help`).
   """
 
   use BB
@@ -23,50 +29,46 @@ defmodule Ganglion.Robot do
   @tags_path [:sensor, :base_link, :camera_mount, :camera_link, :tags]
 
   settings do
-    name(:ganglion)
+    name :ganglion
   end
 
   sensors do
-    sensor(:imu_outlet, {Outlet, from: @imu_path, topic: "imu", encoding: Encoding.Imu})
+    sensor :imu_outlet, {Outlet, from: @imu_path, topic: "imu", encoding: Encoding.Imu}
 
-    sensor(
-      :tags_inlet,
-      {Inlet, topic: "tags", encoding: Encoding.TagDetections, to: @tags_path}
-    )
+    sensor :tags_inlet,
+           {Inlet, topic: "tags", encoding: Encoding.TagDetections, to: @tags_path}
   end
 
   topology do
     link :base_link do
-      sensor(:imu, {Mpu6050, bus: "i2c-1", address: 0x68, rate: ~u(100 hertz)},
+      sensor :imu, {Mpu6050, bus: "i2c-1", address: 0x68, rate: ~u(100 hertz)},
         required: true,
         max_silence: ~u(100 millisecond)
-      )
 
       joint :camera_mount do
-        type(:fixed)
+        type :fixed
 
         origin do
-          z(~u(0.1 meter))
+          z ~u(0.1 meter)
         end
 
         link :camera_link do
-          sensor(
-            :camera,
-            {NativeProcess,
-             program: "camera", topics: [topic: "camera"], args: {__MODULE__, :camera_args, []}}
-          )
+          sensor :camera,
+                 {NativeProcess,
+                  program: "camera",
+                  topics: [topic: "camera"],
+                  args: {__MODULE__, :camera_args, []}}
 
-          sensor(
-            :tags,
-            {NativeProcess,
-             program: "vision_tags", topics: [frames: "camera", imu: "imu", detections: "tags"]}
-          )
+          sensor :tags,
+                 {NativeProcess,
+                  program: "vision_tags",
+                  topics: [frames: "camera", imu: "imu", detections: "tags"]}
         end
       end
     end
   end
 
-  # Where there is no bus of the machine's.
+  # For machines without an I2C bus.
   simulation do
     i2c "i2c-1" do
       device 0x68, {BB.Bus.Sim.Mpu6050, source: :motion}

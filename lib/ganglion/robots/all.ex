@@ -1,6 +1,11 @@
 defmodule Ganglion.Robots.All do
   @moduledoc """
-  A robot with every driver that ships: twelve devices on two I2C buses, a chip of GPIO lines and the processor itself. `bin/demo --robot all` runs it, `bin/chaos sensors` breaks it.
+  A robot with every driver that ships: twelve devices on two I2C buses, GPIO lines and the board.
+
+  `bin/demo --robot all` runs it, and `bin/chaos sensors` breaks its wires.
+
+      {:ok, _pid} = Ganglion.Robots.All.start_link()
+      BB.Sensor.health(Ganglion.Robots.All)
 
   | sensor | what | where | declared |
   |---|---|---|---|
@@ -15,7 +20,7 @@ defmodule Ganglion.Robots.All do
   | `:estop` | emergency stop, normally closed | line 27 | 50 Hz |
   | `:board` | the computer: load, memory, temperature | the kernel's files | 1 Hz |
 
-  What they are wired to where their buses are simulated is `Ganglion.Robots.All.World`.
+  `Ganglion.Robots.All.World` has their simulated devices.
   """
 
   use BB
@@ -34,45 +39,40 @@ defmodule Ganglion.Robots.All do
   alias __MODULE__.World
 
   settings do
-    name(:all)
+    name :all
   end
 
   sensors do
-    sensor(:battery, {Ina219, bus: "i2c-1"}, max_silence: ~u(500 millisecond))
-    sensor(:board, BB.Sensor.System, max_silence: ~u(5 second))
-    sensor(:motors, {Ina219, bus: "i2c-2", address: 0x41}, max_silence: ~u(500 millisecond))
+    sensor :battery, {Ina219, bus: "i2c-1"}, max_silence: ~u(500 millisecond)
+    sensor :board, BB.Sensor.System, max_silence: ~u(5 second)
+    sensor :motors, {Ina219, bus: "i2c-2", address: 0x41}, max_silence: ~u(500 millisecond)
   end
 
   topology do
     link :base_link do
-      sensor(:imu, {Mpu6050, bus: "i2c-1", rate: ~u(100 hertz)}, max_silence: ~u(200 millisecond))
+      sensor :imu, {Mpu6050, bus: "i2c-1", rate: ~u(100 hertz)}, max_silence: ~u(200 millisecond)
 
-      sensor(:sonar, {HcSr04, trigger: {"gpiochip0", 23}, echo: {"gpiochip0", 24}},
+      sensor :sonar, {HcSr04, trigger: {"gpiochip0", 23}, echo: {"gpiochip0", 24}},
         max_silence: ~u(500 millisecond)
-      )
 
-      sensor(:lidar, {TfLuna, bus: "i2c-2"}, max_silence: ~u(200 millisecond))
+      sensor :lidar, {TfLuna, bus: "i2c-2"}, max_silence: ~u(200 millisecond)
 
-      sensor(:bumper_left, {ContactSwitch, line: {"gpiochip0", 17}},
+      sensor :bumper_left, {ContactSwitch, line: {"gpiochip0", 17}},
         max_silence: ~u(500 millisecond)
-      )
 
-      sensor(:bumper_right, {ContactSwitch, line: {"gpiochip0", 22}},
+      sensor :bumper_right, {ContactSwitch, line: {"gpiochip0", 22}},
         max_silence: ~u(500 millisecond)
-      )
 
-      sensor(:estop, {EmergencyStop, line: {"gpiochip0", 27}}, max_silence: ~u(200 millisecond))
+      sensor :estop, {EmergencyStop, line: {"gpiochip0", 27}}, max_silence: ~u(200 millisecond)
 
       joint :left_wheel do
-        type(:continuous)
+        type :continuous
 
-        sensor(
-          :left_encoder,
-          {QuadratureEncoder, a: {"gpiochip0", 5}, b: {"gpiochip0", 6}, pulses: 11},
-          max_silence: ~u(200 millisecond)
-        ) do
+        sensor :left_encoder,
+               {QuadratureEncoder, a: {"gpiochip0", 5}, b: {"gpiochip0", 6}, pulses: 11},
+               max_silence: ~u(200 millisecond) do
           transmission do
-            reduction(34.0)
+            reduction 34.0
           end
         end
 
@@ -80,16 +80,14 @@ defmodule Ganglion.Robots.All do
       end
 
       joint :right_wheel do
-        type(:continuous)
+        type :continuous
 
-        sensor(
-          :right_encoder,
-          {QuadratureEncoder, a: {"gpiochip0", 12}, b: {"gpiochip0", 13}, pulses: 11},
-          max_silence: ~u(200 millisecond)
-        ) do
+        sensor :right_encoder,
+               {QuadratureEncoder, a: {"gpiochip0", 12}, b: {"gpiochip0", 13}, pulses: 11},
+               max_silence: ~u(200 millisecond) do
           transmission do
-            reduction(34.0)
-            reversed?(true)
+            reduction 34.0
+            reversed? true
           end
         end
 
@@ -97,18 +95,15 @@ defmodule Ganglion.Robots.All do
       end
 
       joint :elbow_joint do
-        type(:revolute)
+        type :revolute
 
-        limit(
-          lower: ~u(-180 degree),
-          upper: ~u(180 degree),
-          effort: ~u(5 newton_meter),
-          velocity: ~u(90 degree_per_second)
-        )
+        limit lower: ~u(-180 degree),
+              upper: ~u(180 degree),
+              effort: ~u(5 newton_meter),
+              velocity: ~u(90 degree_per_second)
 
-        sensor(:elbow, {As5600, bus: "i2c-2", rate: ~u(100 hertz)},
+        sensor :elbow, {As5600, bus: "i2c-2", rate: ~u(100 hertz)},
           max_silence: ~u(200 millisecond)
-        )
 
         link :forearm
       end

@@ -1,11 +1,17 @@
 defmodule Ganglion.Robots.All.World do
   @moduledoc """
-  What `Ganglion.Robots.All` is wired to, simulated: the buses and the chip of lines, with a device for each of its sensors.
+  The simulated devices of `Ganglion.Robots.All`: two I2C buses and a chip of GPIO lines.
+
+  The robot declares them in `simulation`, and `bin/chaos sensors` finds by them which wire to
+  break.
+
+      Ganglion.Robots.All.World.places()[:battery]
+      #=> {:i2c, "i2c-1", 0x40}
   """
 
   alias BB.Bus.Sim
 
-  @typedoc "Where a sensor's device is: at an address of an I2C bus, or on lines of a chip under a name."
+  @typedoc "The place of a sensor's device: an address on an I2C bus, or lines of a chip."
   @type place ::
           {:i2c, bus :: String.t(), address :: byte()}
           | {:gpio, chip :: String.t(), device :: atom(), lines :: [non_neg_integer()]}
@@ -31,7 +37,7 @@ defmodule Ganglion.Robots.All.World do
 
   @chip "gpiochip0"
 
-  @doc "The I2C buses, and the devices on each by their addresses."
+  @doc "Returns the I2C buses, each with its devices by address."
   @spec buses() :: %{String.t() => [{byte(), Sim.device()}]}
   def buses do
     for {_sensor, bus, address, device} <- @i2c, reduce: %{} do
@@ -39,15 +45,15 @@ defmodule Ganglion.Robots.All.World do
     end
   end
 
-  @doc "The chip of lines."
+  @doc "Returns the name of the chip of GPIO lines."
   @spec chip() :: String.t()
   def chip, do: @chip
 
-  @doc "The devices on its lines, by their names."
+  @doc "Returns the devices on the lines of the chip, by name."
   @spec lines() :: [{atom(), Sim.Lines.device()}]
   def lines, do: @gpio
 
-  @doc "Where each sensor's device is. The processor's own sensors have none."
+  @doc "Returns the place of each sensor's device. The sensor `:board` has none."
   @spec places() :: %{atom() => place()}
   def places do
     i2c = for {sensor, bus, address, _device} <- @i2c, do: {sensor, {:i2c, bus, address}}
