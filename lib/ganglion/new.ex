@@ -1,7 +1,8 @@
 defmodule Ganglion.New do
   @moduledoc """
-  Writes a project of one's own: a robot on Ganglion, as firmware for boards and on simulated buses. Behind `mix ganglion.new` and
-  `bin/new`; `Mix.Tasks.Ganglion.New` says how it is used.
+  Generates a project for a robot that depends on Ganglion.
+
+  `mix ganglion.new` and `bin/new` call it; `Mix.Tasks.Ganglion.New` documents their options.
 
       {:ok, report} = Ganglion.New.run(["../rover"], from: File.cwd!(), checkout: File.cwd!())
   """
@@ -9,9 +10,10 @@ defmodule Ganglion.New do
   alias Ganglion.New.{Options, Templates}
 
   @doc """
-  Writes the project that `argv` asks for and returns what to tell the person. A mistake is `{:error, sentence}`, with nothing written.
+  Writes the project that `argv` describes and returns a report for the person.
 
-  `from` is the folder from which relative paths count, `checkout` the Ganglion that asks.
+  Invalid arguments return `{:error, sentence}`, and nothing is written. Relative paths in `argv`
+  are relative to `from`; `checkout` is the folder of the Ganglion that runs.
   """
   @spec run([String.t()], from: Path.t(), checkout: Path.t()) ::
           {:ok, String.t()} | :help | {:error, String.t()}
@@ -24,12 +26,16 @@ defmodule Ganglion.New do
           {:ok, report(options, files, where[:from])}
 
         {:error, file, reason} ->
-          {:error, "#{file} cannot be written: #{:file.format_error(reason)}"}
+          {:error, "could not write #{file}: #{:file.format_error(reason)}"}
       end
     end
   end
 
-  @doc "The same for `bin/new`, which ends the VM: with status 1 and a line on standard error after a mistake."
+  @doc """
+  Runs `run/2` for `bin/new`, prints its result and halts the VM.
+
+  After an error the status is 1, and the sentence is on standard error.
+  """
   @spec main([String.t()], from: Path.t(), checkout: Path.t()) :: no_return()
   def main(argv, where) do
     case run(argv, where) do
@@ -70,16 +76,16 @@ defmodule Ganglion.New do
         bin/demo          # your robot on simulated buses; Ctrl-C stops it
         bin/test          # its tests
 
-    The robot is lib/#{options.app}.ex, and a driver of your own lib/#{options.app}/thermometer.ex.
+    The robot is lib/#{options.app}.ex; its own driver is lib/#{options.app}/thermometer.ex.
     #{boards(options.targets)}\
     """
   end
 
-  defp boards([]), do: "README.md tells the rest.\n"
+  defp boards([]), do: "README.md describes the rest.\n"
 
   defp boards([board | _]) do
     """
-    For a board, with Nerves installed (README.md tells how):
+    For a board, with Nerves installed (README.md describes how):
 
         MIX_TARGET=#{board} mix deps.get
         MIX_TARGET=#{board} mix firmware

@@ -6,7 +6,10 @@ defmodule Ganglion.NewTest do
   use ExUnit.Case, async: true
 
   alias Ganglion.New
-  alias Ganglion.New.{Options, Source}
+  alias Ganglion.New.{Dependency, Options}
+
+  doctest Dependency
+  doctest Ganglion.New.Name
 
   @moduletag :tmp_dir
 
@@ -182,10 +185,13 @@ defmodule Ganglion.NewTest do
     end
   end
 
-  describe "the source" do
+  describe "the dependency on Ganglion" do
     test "is the checkout that asks, by a path that leads there", %{tmp_dir: dir} do
       assert {:ok, _} = new(dir, ["deep/er/rover"])
-      assert {:ok, {:path, path}} = Source.parse(nil, Path.join(dir, "deep/er/rover"), where(dir))
+
+      assert {:ok, {:path, path}} =
+               Dependency.parse(nil, Path.join(dir, "deep/er/rover"), where(dir))
+
       assert Path.type(path) == :relative
       assert Path.expand(path, Path.join(dir, "deep/er/rover")) == @here
       assert read(dir, "deep/er/rover/mix.exs") =~ ~s({:ganglion, path: "#{path}"})
@@ -195,24 +201,30 @@ defmodule Ganglion.NewTest do
     test "leads there from behind a symbolic link", %{tmp_dir: dir} do
       File.mkdir_p!(Path.join(dir, "a/b"))
       File.ln_s!(Path.join(dir, "a/b"), Path.join(dir, "link"))
-      assert {:ok, {:path, path}} = Source.parse(nil, Path.join(dir, "link/rover"), where(dir))
+
+      assert {:ok, {:path, path}} =
+               Dependency.parse(nil, Path.join(dir, "link/rover"), where(dir))
+
       assert Path.expand(path, Path.join(dir, "a/b/rover")) == @here
     end
 
     test "may be another checkout, or git with a branch, tag or commit", %{tmp_dir: dir} do
       path = Path.join(dir, "rover")
-      assert {:ok, {:path, _}} = Source.parse(@here, path, where("/"))
+      assert {:ok, {:path, _}} = Dependency.parse(@here, path, where("/"))
       url = "https://host/ganglion.git"
-      assert {:ok, {:git, ^url, nil} = git} = Source.parse("git:" <> url, path, where(dir))
-      assert Source.dependency(git) == ~s({:ganglion, git: "#{url}"})
-      assert Source.folder(git) == "deps/ganglion"
-      assert {:ok, {:git, ^url, "v1"} = git} = Source.parse("git:#{url}#v1", path, where(dir))
-      assert Source.dependency(git) == ~s({:ganglion, git: "#{url}", ref: "v1"})
+      assert {:ok, {:git, ^url, nil} = git} = Dependency.parse("git:" <> url, path, where(dir))
+      assert Dependency.entry(git) == ~s({:ganglion, git: "#{url}"})
+      assert Dependency.folder(git) == "deps/ganglion"
+      assert {:ok, {:git, ^url, "v1"} = git} = Dependency.parse("git:#{url}#v1", path, where(dir))
+      assert Dependency.entry(git) == ~s({:ganglion, git: "#{url}", ref: "v1"})
     end
 
     test "that is a folder's git is named by its whole path", %{tmp_dir: dir} do
       File.mkdir!(Path.join(dir, "clone"))
-      assert {:ok, {:git, url, nil}} = Source.parse("git:clone", Path.join(dir, "r"), where(dir))
+
+      assert {:ok, {:git, url, nil}} =
+               Dependency.parse("git:clone", Path.join(dir, "r"), where(dir))
+
       assert url == Path.join(dir, "clone")
     end
   end
@@ -227,15 +239,15 @@ defmodule Ganglion.NewTest do
           {~w(--native rust), ["expected the PATH", "got nothing"]},
           {~w(rover other), ["one PATH", "other"]},
           {~w(full), ["empty folder", Path.join(dir, "full")]},
-          {~w(full/file), ["full/file", "there already"]},
-          {~w(full/file/rover), ["full/file", "there already"]},
+          {~w(full/file), ["full/file", "exists already"]},
+          {~w(full/file/rover), ["full/file", "exists already"]},
           {~w(Rover), ["a-z, 0-9 and _", ~s("Rover")]},
           {~w(my-rover), ["a-z, 0-9 and _", ~s("my-rover")]},
           {~w(7rover), [~s("7rover")]},
-          {~w(ganglion), ["ganglion is there already"]},
-          {~w(nerves), ["nerves is there already"]},
-          {~w(kernel), ["kernel is there already"]},
-          {~w(mix), ["mix is there already"]},
+          {~w(ganglion), ["ganglion exists already"]},
+          {~w(nerves), ["nerves exists already"]},
+          {~w(kernel), ["kernel exists already"]},
+          {~w(mix), ["mix exists already"]},
           {~w(rover --module rover), ["a module's name such as Rover", ~s("rover")]},
           {["rover", "--module", "Rover Two"], [~s("Rover Two")]},
           {["rover", "--module", "Rover\n"], [~S("Rover\n")]},

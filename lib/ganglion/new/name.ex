@@ -1,22 +1,30 @@
 defmodule Ganglion.New.Name do
   @moduledoc """
-  The names of a new project: that of its application, which is its folder's, and that of its robot's module.
+  Checks the names of a new project: the name of its application and of its robot's module.
 
-  Neither may be one that something else has: the BEAM would load one of the two.
+  `Ganglion.New.Options` uses it. The application has the name of the project's folder. Neither
+  name may belong to another application or module: the BEAM would load only one of the two.
+
+      iex> Ganglion.New.Name.app("../rover")
+      {:ok, "rover"}
+      iex> Ganglion.New.Name.module("Rover")
+      {:ok, "Rover"}
   """
 
-  # Packages that a project of Ganglion's may come to, besides Elixir's and OTP's own, which are asked for.
-  @reserved_apps ~w(bb ganglion nerves nerves_runtime nerves_pack nerves_ssh nerves_motd nerves_time) ++
-                   ~w(nerves_uevent nerves_bootstrap shoehorn ring_logger toolshed rustler muontrap) ++
-                   ~w(vintage_net vintage_net_wifi vintage_net_direct vintage_net_ethernet) ++
-                   ~w(circuits_i2c circuits_gpio circuits_spi circuits_uart mdns_lite ssh_subsystem_fwup) ++
+  # Packages that such a project may depend on. Those of Elixir and OTP are looked up.
+  @reserved_apps ~w(bb ganglion nerves nerves_runtime nerves_pack nerves_ssh nerves_motd) ++
+                   ~w(nerves_time nerves_uevent nerves_bootstrap shoehorn ring_logger) ++
+                   ~w(toolshed rustler muontrap vintage_net vintage_net_wifi) ++
+                   ~w(vintage_net_direct vintage_net_ethernet circuits_i2c circuits_gpio) ++
+                   ~w(circuits_spi circuits_uart mdns_lite ssh_subsystem_fwup) ++
                    ~w(uboot_env one_dns elixir_make)
 
-  # The first part of names that belong to others.
-  @reserved_roots ~w(Elixir BB Ganglion Mix ExUnit IEx EEx Logger Hex Nerves NervesSSH NervesMOTD NervesPack NervesTime) ++
-                    ~w(Shoehorn RingLogger Toolshed Rustler VintageNet VintageNetWiFi Circuits MdnsLite)
+  # The first part of module names that belong to other packages.
+  @reserved_roots ~w(Elixir BB Ganglion Mix ExUnit IEx EEx Logger Hex Nerves NervesSSH) ++
+                    ~w(NervesMOTD NervesPack NervesTime Shoehorn RingLogger Toolshed) ++
+                    ~w(Rustler VintageNet VintageNetWiFi Circuits MdnsLite)
 
-  @doc "The application's name, from the folder's."
+  @doc "Returns the name of the application for the project in the folder `path`."
   @spec app(Path.t()) :: {:ok, String.t()} | {:error, String.t()}
   def app(path) do
     name = Path.basename(path)
@@ -24,18 +32,18 @@ defmodule Ganglion.New.Name do
     cond do
       not (name =~ ~r/\A[a-z][a-z0-9_]*\z/) ->
         {:error,
-         "expected a folder's name of a-z, 0-9 and _ that begins with a letter, for the " <>
-           "application is called by it, got: #{inspect(name)}; choose another PATH"}
+         "expected a folder's name of a-z, 0-9 and _ that begins with a letter, because the " <>
+           "application gets it, got: #{inspect(name)}; choose another PATH"}
 
       name in @reserved_apps or application?(name) ->
-        {:error, "an application called #{name} is there already; choose another PATH"}
+        {:error, "an application called #{name} exists already; choose another PATH"}
 
       true ->
         {:ok, name}
     end
   end
 
-  @doc "The module's name, which nobody has yet."
+  @doc "Returns the name of the robot's module, if no module has it."
   @spec module(String.t()) :: {:ok, String.t()} | {:error, String.t()}
   def module(name) do
     cond do
@@ -44,7 +52,7 @@ defmodule Ganglion.New.Name do
 
       taken?(name) ->
         {:error,
-         "--module: expected a name that nobody has, got: #{name}, which is taken; " <>
+         "--module: expected an unused module name, got: #{name}, which is taken; " <>
            "choose another, such as --module My#{name |> String.split(".") |> hd()}"}
 
       true ->
@@ -56,7 +64,7 @@ defmodule Ganglion.New.Name do
     hd(String.split(name, ".")) in @reserved_roots or Code.ensure_loaded?(Module.concat([name]))
   end
 
-  # Of Elixir or OTP. As a path, for a name that is no atom yet.
+  # Applications of Elixir and OTP. Looking for files makes no atom of the name.
   defp application?(name) do
     Enum.any?(:code.get_path(), fn ebin -> File.exists?(Path.join(ebin, name <> ".app")) end) or
       Path.wildcard(Path.join(:code.root_dir(), "lib/#{name}-*")) != []

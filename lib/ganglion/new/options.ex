@@ -1,72 +1,82 @@
 defmodule Ganglion.New.Options do
   @moduledoc """
-  The command line of `mix ganglion.new` and `bin/new`. It writes nothing: it looks at what is there.
+  Parses the command line of `mix ganglion.new` and `bin/new`.
+
+  `Ganglion.New` uses it. It reads the file system and writes nothing.
+
+      where = [from: File.cwd!(), checkout: File.cwd!()]
+      {:ok, options} = Ganglion.New.Options.parse(["../rover", "--native", "none"], where)
+      options.module
+      #=> "Rover"
   """
 
-  alias Ganglion.New.{Name, Source}
+  alias Ganglion.New.{Dependency, Name}
 
   @switches [module: :string, target: :keep, from: :string, native: :string, help: :boolean]
   @accepted "--module NAME, --target BOARD, --from SOURCE, --native KIND, --help"
   @natives %{"none" => :none, "rust" => :rust, "python" => :python}
 
-  # Ours, so that the file is looked at when a board comes.
+  # The module is compiled again when the file changes.
   @boards_file "config/boards.exs"
   @external_resource @boards_file
   {boards, _binding} = Code.eval_file(@boards_file)
   @boards boards
 
-  @enforce_keys [:path, :app, :module, :targets, :source, :native]
-  defstruct [:path, :app, :module, :targets, :source, :native]
+  @enforce_keys [:path, :app, :module, :targets, :dependency, :native]
+  defstruct [:path, :app, :module, :targets, :dependency, :native]
 
-  @typedoc "What to write: where (an absolute path), under which names, for which boards, with Ganglion from where."
+  @typedoc "The project to write. `path` is absolute."
   @type t :: %__MODULE__{
           path: Path.t(),
           app: String.t(),
           module: String.t(),
           targets: [atom()],
-          source: Source.t(),
+          dependency: Dependency.t(),
           native: :none | :rust | :python
         }
 
-  @doc "The boards that are known, each with its `:system` (a requirement) and its `:rust` target."
+  @doc "Returns the supported boards, each with its `:system` requirement and `:rust` target."
   @spec boards() :: keyword([{:system | :rust, String.t()}])
   def boards, do: @boards
 
   @doc """
-  The options of `argv`; relative paths count from `from`, `checkout` is the Ganglion that asks. A mistake is `{:error, sentence}`.
+  Parses `argv`. Invalid arguments return `{:error, sentence}`.
+
+  Relative paths are relative to `from`; `checkout` is the folder of the Ganglion that runs.
   """
   @spec parse([String.t()], from: Path.t(), checkout: Path.t()) ::
           {:ok, t()} | :help | {:error, String.t()}
   def parse(argv, where) do
     case OptionParser.parse(argv, strict: @switches) do
-      {_given, _arguments, [{option, value} | _]} -> {:error, refused(option, value)}
-      {given, arguments, []} -> if given[:help], do: :help, else: check(arguments, given, where)
+      {_given, _arguments, [{option, value} | _]} -> {:error, format_invalid(option, value)}
+      {given, arguments, []} -> if given[:help], do: :help, else: build(arguments, given, where)
     end
   end
 
-  defp check(arguments, given, where) do
+  defp build(arguments, given, where) do
     with {:ok, path} <- path(arguments, where[:from]),
          {:ok, app} <- Name.app(path),
          {:ok, module} <- Name.module(given[:module] || Macro.camelize(app)),
          {:ok, native} <- native(given[:native] || "rust"),
          {:ok, targets} <- targets(Keyword.get_values(given, :target), native),
-         {:ok, source} <- Source.parse(given[:from], path, where) do
+         {:ok, dependency} <- Dependency.parse(given[:from], path, where) do
       {:ok,
        %__MODULE__{
          path: path,
          app: app,
          module: module,
          targets: targets,
-         source: source,
+         dependency: dependency,
          native: native
        }}
     end
   end
 
-  defp refused(option, nil) when option in ["--module", "--target", "--from", "--native"],
+  defp format_invalid(option, nil) when option in ["--module", "--target", "--from", "--native"],
     do: "#{option}: expected a value, got nothing; see --help"
 
-  defp refused(option, _value), do: "expected the options #{@accepted}, got: #{option}"
+  defp format_invalid(option, _value),
+    do: "unknown option #{option}; expected one of #{@accepted}"
 
   # The path
 
@@ -79,19 +89,19 @@ defmodule Ganglion.New.Options do
     case File.ls(path) do
       {:error, :enoent} -> writable(path)
       {:ok, []} -> {:ok, path}
-      {:ok, _files} -> {:error, taken("a new path or an empty folder", path)}
-      {:error, :enotdir} -> {:error, taken("a path below folders", path)}
-      {:error, reason} -> {:error, "#{path} cannot be read: #{:file.format_error(reason)}"}
+      {:ok, _files} -> {:error, format_taken("a new path or an empty folder", path)}
+      {:error, :enotdir} -> {:error, format_taken("a path below folders", path)}
+      {:error, reason} -> {:error, "could not read #{path}: #{:file.format_error(reason)}"}
     end
   end
 
   defp path([_path, extra | _], _from),
     do: {:error, "expected one PATH, got one more: #{extra}; options begin with --"}
 
-  defp taken(expected, path),
-    do: "expected #{expected}, got: #{path}, which is there already; choose another or remove it"
+  defp format_taken(expected, path),
+    do: "expected #{expected}, got: #{path}, which exists already; choose another or remove it"
 
-  # The first folder above it that is there has to take it.
+  # The nearest existing folder above the path has to be writable.
   defp writable(path) do
     above = path |> Stream.iterate(&Path.dirname/1) |> Enum.find(&File.exists?/1)
 
@@ -100,11 +110,10 @@ defmodule Ganglion.New.Options do
         {:ok, path}
 
       {:ok, %{type: :directory}} ->
-        {:error,
-         "expected a path that can be written, got: #{path}; you may not write to #{above}"}
+        {:error, "expected a writable path, got: #{path}; you may not write to #{above}"}
 
       _no_folder ->
-        {:error, taken("a path below folders", above)}
+        {:error, format_taken("a path below folders", above)}
     end
   end
 
@@ -123,8 +132,8 @@ defmodule Ganglion.New.Options do
 
       native == :python ->
         {:error,
-         "--native python: no Nerves system carries Python, and --target asks for " <>
-           "#{Enum.join(names, ", ")}; leave --target out, or take --native rust"}
+         "--native python: no Nerves system carries Python, got also --target " <>
+           "#{Enum.join(names, ",")}; leave --target out, or use --native rust"}
 
       true ->
         {:ok, names |> Enum.uniq() |> Enum.map(&known[&1])}

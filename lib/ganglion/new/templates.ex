@@ -1,16 +1,22 @@
 defmodule Ganglion.New.Templates do
   @moduledoc """
-  The files of a new project: which there are, and their text.
+  Renders the files of a new project.
 
-  What the repository's own robot has in the same words is the repository's own file. The rest are the templates below
-  `lib/mix/tasks/ganglion.new/`. Both are read when this module is compiled.
+  `Ganglion.New` writes them. Files that are equal in every project are copies of this
+  repository's own; the others are templates in `lib/mix/tasks/ganglion.new/`. Both are read at
+  compile time.
+
+      where = [from: File.cwd!(), checkout: File.cwd!()]
+      {:ok, options} = Ganglion.New.Options.parse(["../rover"], where)
+      for {path, _text, _executable?} <- Ganglion.New.Templates.files(options), do: path
   """
 
-  alias Ganglion.New.{Options, Source}
+  alias Ganglion.New.{Dependency, Options}
 
   @folder "lib/mix/tasks/ganglion.new"
 
-  # Where in the project, from which file, and when: always, or with :boards, :rust or :python. `app` stands for the application.
+  # {path in the project, template, condition}. In a path, `app` stands for the application's
+  # name. Conditions: :always, :boards (a board is a target), :native, :rust, :python.
   @templates [
     {".formatter.exs", "formatter.exs.eex", :always},
     {".gitignore", "gitignore.eex", :always},
@@ -42,7 +48,7 @@ defmodule Ganglion.New.Templates do
     {"native/ranger.py", "native/ranger.py.eex", :python}
   ]
 
-  # The same files as the repository's own robot has.
+  # {path in the repository and in the project, condition}.
   @shared [
     {"rel/vm.args.eex", :boards},
     {"rootfs_overlay/etc/iex.exs", :boards},
@@ -59,13 +65,15 @@ defmodule Ganglion.New.Templates do
          end)
   @copies for {file, condition} <- @shared, do: {file, File.read!(file), condition}
 
-  # The words that stand without parentheses, as the project's own formatter gets them.
-  @words Code.eval_file(".formatter.exs") |> elem(0) |> Keyword.fetch!(:locals_without_parens)
+  # The project's own formatter imports the same list.
+  @locals_without_parens Code.eval_file(".formatter.exs")
+                         |> elem(0)
+                         |> Keyword.fetch!(:locals_without_parens)
 
-  @typedoc "A file of the project: its path, its text, and whether it can be run."
+  @typedoc "A file of the project: its path, its text, and whether it is executable."
   @type file :: {Path.t(), String.t(), executable? :: boolean()}
 
-  @doc "All files of a project with these options."
+  @doc "Returns all files of a project with these options."
   @spec files(Options.t()) :: [file()]
   def files(options) do
     assigns = assigns(options)
@@ -88,7 +96,7 @@ defmodule Ganglion.New.Templates do
   defp applies?(kind, options), do: options.native == kind
 
   defp assigns(options) do
-    folder = Source.folder(options.source)
+    folder = Dependency.folder(options.dependency)
 
     [
       app: options.app,
@@ -96,9 +104,9 @@ defmodule Ganglion.New.Templates do
       native: options.native,
       targets: options.targets,
       boards: Keyword.take(Options.boards(), options.targets),
-      source: options.source,
-      dependency: Source.dependency(options.source),
-      # The folder as seen from the project's, and from its native/.
+      git?: match?({:git, _url, _ref}, options.dependency),
+      dependency: Dependency.entry(options.dependency),
+      # Ganglion's folder, relative to the project and to its native/.
       ganglion: folder,
       from_native: if(Path.type(folder) == :absolute, do: folder, else: Path.join("..", folder))
     ]
@@ -111,7 +119,7 @@ defmodule Ganglion.New.Templates do
     if Path.extname(path) in [".ex", ".exs"], do: format(text), else: text
   end
 
-  # A line that is a tag alone is no line of the file.
+  # Removes the line break after a line that has nothing but a tag.
   defp join_tags(template) do
     String.replace(
       template,
@@ -120,9 +128,11 @@ defmodule Ganglion.New.Templates do
     )
   end
 
-  # A long name changes where lines break. Elixir 1.20 breaks some of them in a second pass.
+  # Long names change where lines break. Elixir 1.20 breaks some lines in a second pass only.
   defp format(text), do: text |> format_once() |> format_once()
 
-  defp format_once(text),
-    do: IO.iodata_to_binary([Code.format_string!(text, locals_without_parens: @words), "\n"])
+  defp format_once(text) do
+    formatted = Code.format_string!(text, locals_without_parens: @locals_without_parens)
+    IO.iodata_to_binary([formatted, "\n"])
+  end
 end

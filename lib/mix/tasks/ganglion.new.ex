@@ -1,31 +1,37 @@
 defmodule Mix.Tasks.Ganglion.New do
-  @shortdoc "Writes a project for a robot of your own"
+  @shortdoc "Generates a project for a robot"
   @moduledoc """
-  Writes a project for a robot of your own, which runs on simulated buses at once, and on boards as firmware.
+  Generates a project for a robot that depends on Ganglion.
+
+  The project runs on simulated buses at once, and on boards as firmware. In a checkout of
+  Ganglion, `bin/new` runs this task.
 
       mix ganglion.new PATH [--module NAME] [--target BOARDS] [--from SOURCE] [--native KIND]
       bin/new ../rover
 
-  The project's application is called by the folder's name, and its robot by that in camel case: `../my_rover` has the robot
-  `MyRover`. PATH is a new folder or an empty one.
+  PATH is a new or an empty folder. The application has the folder's name, and the robot the same
+  name in camel case: `../my_rover` has the robot `MyRover`.
 
   | option | |
   |---|---|
-  | `--module NAME` | another name for the robot's module |
-  | `--target BOARDS` | the boards that it is for, with commas between or one each time; all that are known without it |
-  | `--from SOURCE` | where the project has Ganglion from: the path of a checkout (without it the one that asks), or `git:URL`, with `#REF` for a branch, tag or commit |
-  | `--native KIND` | the native process in it: `rust`, as without it; `python`, which no board carries; `none` |
+  | `--module NAME` | the name of the robot's module |
+  | `--target BOARDS` | the boards, separated by commas or in several options; by default all supported boards |
+  | `--from SOURCE` | the dependency on Ganglion: the path of a checkout (by default the one that runs), or `git:URL`, or `git:URL#REF` with a branch, tag or commit |
+  | `--native KIND` | the language of the native process: `rust` (the default), `python` (not for boards) or `none` |
 
-  Known boards: #{Enum.map_join(Ganglion.New.Options.boards(), ", ", fn {board, _} -> "`#{board}`" end)}.
+  Supported boards: #{Enum.map_join(Ganglion.New.Options.boards(), ", ", fn {board, _} -> "`#{board}`" end)}.
 
-  ## What is in it
+  ## The project
 
-  `lib/<robot>.ex` is the robot, with what hangs on its simulated buses; beside it a driver of its own, with its payload and its
-  simulated chip. `test/` runs the robot and holds the driver to what every driver has to do (`BB.Sensor.Conformance`). `native/`
-  has a native process that speaks through the ring. `bin/demo` and `bin/test` run it all on a machine with nothing installed.
+  `lib/<robot>.ex` is the robot, with its simulated devices. Beside it are a driver of its own,
+  the driver's payload and its simulated chip. `test/` runs the robot, and runs the tests that
+  every driver has to pass (`BB.Sensor.Conformance`). `native/` has a native process that
+  publishes on the ring. `bin/demo` and `bin/test` install what is missing on the machine and run
+  it all.
 
-  `config/target.exs` takes what every board shares from Ganglion's own `config/firmware.exs`, and `firmware/scripts` call
-  Ganglion's scripts, so that an update of Ganglion reaches both. All other files are yours from the start.
+  `config/target.exs` imports Ganglion's `config/firmware.exs`, and `firmware/scripts` call
+  Ganglion's scripts, so that an update of Ganglion updates both. All other files belong to the
+  project.
   """
 
   use Mix.Task
@@ -41,13 +47,13 @@ defmodule Mix.Tasks.Ganglion.New do
     end
   end
 
-  # Since 1.15 Mix takes away what the project does not depend on.
+  # Since Elixir 1.15, Mix removes applications from the code path that are no dependencies.
   defp load_eex do
     if function_exported?(Mix, :ensure_application!, 1),
       do: apply(Mix, :ensure_application!, [:eex])
   end
 
-  # The project at hand, or the one that it depends on.
+  # The project that runs, or its dependency.
   defp checkout do
     if Mix.Project.config()[:app] == :ganglion,
       do: File.cwd!(),
