@@ -21,12 +21,12 @@ defmodule Ganglion.MixProject do
   def application do
     [
       mod: {Ganglion.Application, []},
-      # SASL has the handler of alarms. What else an image needs stands with its release.
+      # SASL has the alarm handler. The releases list the other applications of an image.
       extra_applications: [:logger, :sasl] ++ test_applications(Mix.env())
     ]
   end
 
-  # The programs that a robot may do without are those of `config :ganglion, programs: [...]`.
+  # `config :ganglion, programs: [...]` selects which of `programs:` are built.
   defp cargo do
     [
       path: "native",
@@ -37,8 +37,8 @@ defmodule Ganglion.MixProject do
     ]
   end
 
-  # The compiler :cargo is a module of the library, compiled before it is needed, but where it is
-  # called alone in a new build folder.
+  # The compiler :cargo is a module of this project. `mix compile.cargo` in a new build folder
+  # runs before Mix has compiled it.
   defp load_compiler(_args) do
     unless Code.ensure_loaded?(Mix.Tasks.Compile.Cargo) do
       parts = Path.wildcard("lib/mix/tasks/compile.cargo/*.ex")
@@ -61,7 +61,7 @@ defmodule Ganglion.MixProject do
   defp for_target(_target),
     do: [archives: [nerves_bootstrap: "~> 1.16"], releases: [{@app, release()}]]
 
-  # The templates in rel/ are for boards, whose VM is watched by a heart. The host's release has Mix's own.
+  # rel/ has the templates for boards, where heart watches the VM. The host uses Mix's templates.
   defp host_release do
     [overwrite: true, rel_templates_path: "rel/host", applications: [runtime_tools: :permanent]]
   end
@@ -77,7 +77,8 @@ defmodule Ganglion.MixProject do
     ]
   end
 
-  # Mix looks up the source of every dependency before it filters by `targets:`, so only an empty list works without Hex.
+  # Mix resolves every dependency before it filters by `targets:`. Without Hex only an empty list
+  # works.
   defp deps(:host), do: []
 
   defp deps(_target) do
@@ -94,7 +95,7 @@ defmodule Ganglion.MixProject do
     ] ++ if(Mix.Project.get() in [nil, __MODULE__], do: image(), else: [])
   end
 
-  # What makes an image. A project that depends on this one makes its own, on the system that it chooses.
+  # The dependencies that build an image. A project that depends on this one lists its own.
   defp image do
     {boards, _binding} = Code.eval_file("config/boards.exs", __DIR__)
 

@@ -1,5 +1,5 @@
-# The boards that are known: which version of its Nerves system, nerves_system_<board>, and which Rust target a board needs.
-# Read by mix.exs and by `mix ganglion.new`.
+# The supported boards: the version of the Nerves system nerves_system_<board>, and the Rust
+# target. mix.exs and `mix ganglion.new` read this file.
 [
   rpi3: [system: "~> 2.0", rust: "armv7-unknown-linux-gnueabihf"],
   rpi4: [system: "~> 2.1", rust: "aarch64-unknown-linux-gnu"],

@@ -1,7 +1,7 @@
 import Config
 
-# What a board's image senses on: its own buses ("real"), or those of simulated.exs ("simulated"), for a board without chips. The
-# machine that QEMU plays has no buses at all.
+# The buses of a board's image: its own ("real"), or those of simulated.exs ("simulated"), for a
+# board without chips. QEMU's machine has no buses.
 default = if config_target() == :qemu_aarch64, do: "simulated", else: "real"
 
 case System.get_env("GANGLION_BUSES", default) do
@@ -14,5 +14,5 @@ case System.get_env("GANGLION_BUSES", default) do
   other ->
     raise ArgumentError,
           "expected GANGLION_BUSES to be real or simulated, got: #{inspect(other)}; " <>
-            "without it the image for #{config_target()} has #{default} buses"
+            "the default for #{config_target()} is #{default}"
 end

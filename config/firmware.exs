@@ -1,9 +1,11 @@
 import Config
 
-# What every board with Ganglion shares, whoever's robot runs on it. Ganglion's own config/target.exs imports this file, and so does
-# each project that `mix ganglion.new` writes. It is read in the project's folder: overlay, provisioning and keys are the project's.
+# The configuration that all boards share. Ganglion's config/target.exs imports this file, and so
+# does each project that `mix ganglion.new` generates. Paths are relative to the project that
+# imports it.
 
-# The ring's topics live in a file system of their own: beyond its size, publishers get an error and nothing else on the board suffers.
+# The ring's topics have a file system of their own. When it is full, publishers get an error and
+# the rest of the board is not affected.
 config :nerves, :erlinit,
   update_clock: true,
   mount: "tmpfs:/dev/shm:tmpfs:nodev,nosuid,noexec:mode=1770,size=64m"
@@ -12,28 +14,29 @@ config :nerves, :firmware,
   rootfs_overlay: "rootfs_overlay",
   provisioning: "firmware/provisioning.conf"
 
-# Shoehorn starts applications as temporary: one that ends stays ended, but for this handler.
+# Shoehorn starts applications as temporary. This handler restarts those that end.
 config :shoehorn,
   init: [:nerves_runtime, :nerves_pack],
   handler: BB.Firmware.Applications
 
 config :logger, backends: [RingLogger]
 
-# BB.Firmware.Guard validates, when the robot works. This one would as soon as the applications have started.
+# This guard would validate the firmware as soon as the applications have started.
+# BB.Firmware.Guard validates it when the robot works.
 config :nerves_runtime, startup_guard_enabled: false
 
-# Before anything in /data is used, what is damaged there is set aside. It cannot end the start.
+# It renames damaged files in /data before anything uses them, and cannot fail the boot.
 config :nerves_runtime, init_module: BB.Firmware.Init
 
-# An update comes in through the gate, and only with a signature that fits the board's key.
+# The gate admits an update only with a signature that fits the board's key.
 config :ssh_subsystem_fwup,
   precheck_callback: {BB.Firmware.Gate, :precheck, []},
   success_callback: {BB.Firmware.Gate, :written, []}
 
-# Keys only. Nobody gets in before there is a public key in firmware/keys/ssh/. Those of the image count, and no others: what is added on a
-# running board lies in memory (user_dir), so that a key that is gone from the next image is gone from the board.
-# Who has a key has the console, and with it the board: commands (exec) add nothing to that, and scripts need them. SFTP would be one more way
-# to write into the file system, which nothing here needs.
+# Login needs a key in firmware/keys/ssh/ at build time. A key that is added on a running board is
+# in memory (user_dir) and is lost at the next boot, so that the keys of the image are the only
+# lasting ones. The console controls the whole board, so that commands (exec) open nothing more;
+# scripts need them. SFTP is off, because nothing needs it.
 ssh_keys = Path.wildcard("firmware/keys/ssh/*.pub")
 
 config :nerves_ssh,
@@ -45,7 +48,8 @@ config :nerves_ssh,
   user_dir: "/run/nerves_ssh",
   daemon_option_overrides: [auth_methods: ~c"publickey"]
 
-# Which Wi-Fi, and by what name, is the card's affair (firmware/provisioning.conf, BB.Firmware.Provisioning): one image is for many robots.
+# The card has the Wi-Fi and the name (firmware/provisioning.conf, BB.Firmware.Provisioning), so
+# that one image serves many robots.
 config :vintage_net,
   regulatory_domain: "00",
   config: [
@@ -54,7 +58,7 @@ config :vintage_net,
     {"wlan0", %{type: VintageNetWiFi}}
   ]
 
-# A project's name goes beside that of the card: `hosts: [:hostname, "rover"]`.
+# A project adds its name to the name of the card: `hosts: [:hostname, "rover"]`.
 config :mdns_lite,
   hosts: [:hostname],
   ttl: 120,
@@ -62,16 +66,16 @@ config :mdns_lite,
 
 config :nerves_motd, extra_rows: {Ganglion.Console, :motd_rows, []}
 
-# The buses of the board, and who watches over the robot, and by what. Each project names its robot.
+# The adapters of the board. The configuration of each project sets its robot.
 config :ganglion,
   i2c: Circuits.I2C,
   board: {BB.Firmware.Board.Nerves, []},
   network: {BB.Firmware.Network.VintageNet, []}
 
-# Options of the parts of the firmware; see their documentation.
+# The options are documented in these modules.
 config :ganglion, BB.Firmware.Guard, folder: "/data/guard", reach: :lan
 config :ganglion, BB.Firmware.Gate, public_key: "/etc/ganglion/firmware.pub"
 config :ganglion, BB.Firmware.Network, disarm_after_ms: nil
 
-# The board's own buses, or simulated ones.
+# Real or simulated buses.
 import_config "buses.exs"

@@ -6,5 +6,5 @@ import_config "firmware.exs"
 
 config :mdns_lite, hosts: [:hostname, "ganglion"]
 
-# On a board the robot runs from boot.
+# The application starts this robot at boot.
 config :ganglion, robot: Ganglion.Robot

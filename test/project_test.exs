@@ -190,7 +190,7 @@ defmodule ProjectTest do
     assert {text, 1} = Project.run(project, "mix", compile)
 
     assert text =~
-             "config :ganglion, programs: expected a list out of :camera, :ganglion, :vision_tags, got: [:kamera]"
+             "config :ganglion, programs: expected a list of :camera, :ganglion, :vision_tags, got: [:kamera]"
   end
 
   defp assert_portable(project, app) do

@@ -1,5 +1,5 @@
-# The console of the board. An error here would lock people out, so that nothing is used before it
-# is known to be there, and whatever goes wrong is left out.
+# The console of the board. An error here would lock people out, so that each module is used only if it
+# is available, and errors are caught.
 
 use_if_available(Toolshed)
 import_if_available(Ganglion.Console)

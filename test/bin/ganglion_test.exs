@@ -29,7 +29,7 @@ defmodule Bin.GanglionTest do
 
   test "a board without the program says so" do
     assert {said, 1} = run(@on_a_board, ["topics"], [{"RELEASE_ROOT", "/nowhere"}])
-    assert said =~ "there is no program at /nowhere/lib/ganglion-*/priv/bin/ganglion"
+    assert said =~ "cannot find a program at /nowhere/lib/ganglion-*/priv/bin/ganglion"
   end
 
   defp run(command, arguments, env \\ []),

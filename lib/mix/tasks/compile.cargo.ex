@@ -1,9 +1,11 @@
 defmodule Mix.Tasks.Compile.Cargo do
   @shortdoc "Builds a project's Rust crates and puts them into its priv"
   @moduledoc """
-  A Mix compiler for the crates of a project: runs cargo on them, and puts what it built into the
-  application's `priv`, the programs into `priv/bin`. Ganglion builds its own crates by it, and so
-  can every project that depends on Ganglion:
+  A Mix compiler that builds the Rust crates of a project with cargo.
+
+  Use it in a project that depends on Ganglion and has native programs or NIFs of its own. It
+  installs NIFs in the application's `priv` and programs in `priv/bin`. Ganglion builds its own
+  crates with it.
 
       def project do
         [
@@ -14,39 +16,42 @@ defmodule Mix.Tasks.Compile.Cargo do
         ]
       end
 
-  A program is then found by `program: {:rover, "detector"}` of `BB.Sensor.NativeProcess`.
+  `BB.Sensor.NativeProcess` then finds the program by `program: {:rover, "detector"}`.
 
   ## Options
 
   The keyword list `cargo:` of `project/0`:
 
-    * `path:` - the folder with the `Cargo.toml` of the crate or workspace, from the project's own;
-      `"native"` by default
+    * `path:` - the folder with the `Cargo.toml` of the crate or workspace, relative to the
+      project; `"native"` by default
     * `programs:` - the programs to build, by the names of their packages; `{"tools", "detector"}`
-      is the program `detector` of a package that has another name
-    * `always:` - programs that are built whatever the configuration asks for
-    * `nif:` - the package of a NIF's library, or a list of them, `nil` by default; it becomes
+      is the program `detector` of the package `tools`
+    * `always:` - programs that are built whatever the configuration selects
+    * `nif:` - the package of a NIF, or a list of packages, `nil` by default; its library becomes
       `priv/<name>.so`
-    * `locked:` - whether a `Cargo.lock` that does not fit is an error (`false`)
+    * `locked:` - whether an outdated `Cargo.lock` is an error, `false` by default
 
-  Which of `programs:` are built is asked for by the configuration of the application, at compile
-  time; without it, all are:
+  The configuration of the application selects at compile time which of `programs:` are built. By
+  default all are:
 
       config :rover, programs: [:detector]
       config :ganglion, programs: []
 
-  A program that is not asked for any more disappears from `priv`.
+  A program that is no longer selected is removed from `priv`.
 
   ## What it does
 
-  cargo itself says what there is to build; its progress is shown on standard error. When there is
-  nothing, nothing is printed and nothing copied, and the compiler returns `:noop`. The builds are
-  optimised (`--release`) whatever Mix's environment, and lie below Mix's build folder, so that the
-  source tree stays clean: in `cargo/` there for the machine that builds, which all environments
-  share, and in the target's build path for a board. `CARGO_TARGET_DIR` names another folder.
+  cargo decides what to build, and its progress is on standard error. If cargo has nothing to
+  build, the compiler prints and copies nothing and returns `:noop`. Builds are optimised
+  (`--release`) in every Mix environment.
 
-  A target build follows Nerves' toolchain: the basename of `CROSSCOMPILE` names the Rust triple
-  (`triple/1`), `CC` is the linker and the compiler of C sources inside crates (`env/2`).
+  Builds are below Mix's build folder, so that the source tree stays clean: in `cargo/` there for
+  the host, shared by all environments, and in the target's build path for a board.
+  `CARGO_TARGET_DIR` overrides the folder.
+
+  A build for a board uses Nerves' toolchain: the basename of `CROSSCOMPILE` determines the Rust
+  target triple (`triple/1`), and `CC` is the linker and the compiler of C sources inside crates
+  (`env/2`).
   """
   use Mix.Task.Compiler
 
@@ -77,13 +82,17 @@ defmodule Mix.Tasks.Compile.Cargo do
   def clean do
     crates = crates()
     Priv.remove()
-    # A folder that others have named may have more in it than what was built here.
+    # CARGO_TARGET_DIR may hold the builds of other projects.
     if given_target_dir() == nil, do: remove(target_dir(crates, toolchain())), else: :ok
   end
 
   @doc """
-  The Rust target triple of a Nerves toolchain prefix (`CROSSCOMPILE`); `nil` is the machine that
-  builds.
+  Returns the Rust target triple of a Nerves toolchain prefix (`CROSSCOMPILE`).
+
+  `nil` stands for the host. An unknown toolchain raises `Mix.Error`.
+
+      iex> Mix.Tasks.Compile.Cargo.triple("/toolchains/bin/aarch64-nerves-linux-gnu")
+      "aarch64-unknown-linux-gnu"
   """
   @spec triple(String.t() | nil) :: String.t() | nil
   def triple(nil), do: nil
@@ -93,17 +102,17 @@ defmodule Mix.Tasks.Compile.Cargo do
 
     Map.get(@triples, name) ||
       Mix.raise(
-        "no Rust target is known for the toolchain #{inspect(name)} (CROSSCOMPILE); " <>
-          "known: #{Enum.join(Map.keys(@triples), ", ")}"
+        "unknown toolchain #{inspect(name)} in CROSSCOMPILE; expected one of " <>
+          Enum.join(Map.keys(@triples), ", ")
       )
   end
 
   @doc """
-  What cargo's environment needs for `triple`, given the environment of Mix: `{name, value}` sets,
-  `{name, nil}` removes.
+  Returns the changes to cargo's environment for `triple`, from the environment of Mix.
 
-  The flags of the cross compiler are given by the triple's own names. Under their plain names they
-  would reach the build scripts too, which run on the machine that builds.
+  `{name, value}` sets a variable and `{name, nil}` removes it. The flags of the cross compiler
+  get names with the triple. Under their plain names they would also apply to build scripts, which
+  run on the host.
   """
   @spec env(String.t() | nil, %{String.t() => String.t()}) :: [{String.t(), String.t() | nil}]
   def env(nil, _mix_env), do: []
@@ -141,7 +150,7 @@ defmodule Mix.Tasks.Compile.Cargo do
 
     case Crates.new(app, project[:cargo], Application.get_env(app, :programs)) do
       {:ok, crates} -> crates
-      {:error, mistake} -> Mix.raise(mistake)
+      {:error, sentence} -> Mix.raise(sentence)
     end
   end
 
@@ -159,14 +168,14 @@ defmodule Mix.Tasks.Compile.Cargo do
     status
   end
 
-  # A shell that was open before Rust was installed does not know it.
+  # A shell that was opened before Rust was installed has no ~/.cargo/bin in its PATH.
   defp cargo do
     installed = Path.expand("~/.cargo/bin/cargo")
 
     System.find_executable("cargo") || System.find_executable(installed) ||
       Mix.raise(
-        "cargo was not found, neither in PATH nor in ~/.cargo/bin: install Rust by rustup " <>
-          "(in Ganglion's own tree bin/setup does it)"
+        "cannot find cargo in PATH or in ~/.cargo/bin: install Rust with rustup " <>
+          "(bin/setup in a checkout of Ganglion does it)"
       )
   end
 
@@ -179,7 +188,7 @@ defmodule Mix.Tasks.Compile.Cargo do
     |> Kernel.++(Enum.flat_map(crates.packages, &["--package", &1]))
   end
 
-  # Boards of one triple differ in their flags. A project and what it depends on clean up apart.
+  # Boards with the same triple differ in their flags, and each project cleans its own folder.
   defp target_dir(crates, triple) do
     build_path = Mix.Project.build_path()
 
@@ -199,7 +208,7 @@ defmodule Mix.Tasks.Compile.Cargo do
     %Mix.Task.Compiler.Diagnostic{
       compiler_name: "cargo",
       file: Path.expand("Cargo.toml", crates.path),
-      message: "cargo ended with status #{status}; what it said stands above",
+      message: "cargo exited with status #{status}; its messages are above",
       position: 0,
       severity: :error
     }

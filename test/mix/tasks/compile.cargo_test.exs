@@ -9,6 +9,8 @@ defmodule Mix.Tasks.Compile.CargoTest do
   alias Mix.Tasks.Compile.Cargo
   alias Mix.Tasks.Compile.Cargo.{Crates, Progress}
 
+  doctest Cargo
+
   # The prefix of the C cross-compiler that each board's system brings, and Rust's name for the same.
   @boards [
     rpi3: {"armv7-nerves-linux-gnueabihf", "armv7-unknown-linux-gnueabihf"},
@@ -141,7 +143,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
     test "that are not there are refused, with those that are" do
       for {asked, got} <- [{[:kamera, :tags], "[:kamera]"}, {:camera, ":camera"}, {[1], "[1]"}] do
         assert {:error, sentence} = crates(asked)
-        assert sentence =~ "config :rover, programs: expected a list out of :camera, :tags, got: "
+        assert sentence =~ "config :rover, programs: expected a list of :camera, :tags, got: "
         assert sentence =~ got
       end
     end
@@ -158,7 +160,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
             {[nif: :rover], "nif: nil or the name"},
             {[nif: ["one", 2]], "or a list of names"},
             {[locked: nil], "locked: true or false"},
-            {[path: "nowhere"], "there is no nowhere/Cargo.toml"}
+            {[path: "nowhere"], "no nowhere/Cargo.toml"}
           ] do
         assert {:error, sentence} = crates(cargo, nil)
         assert sentence =~ "rover"
@@ -389,12 +391,12 @@ defmodule Mix.Tasks.Compile.CargoTest do
 
       project(dir, ~s([cargo: [programs: ["detector"]]]))
       assert {text, 1} = compile(dir)
-      assert text =~ "rover has the compiler :cargo, and there is no native/Cargo.toml"
+      assert text =~ "rover has the compiler :cargo, but no native/Cargo.toml"
 
       crate(dir)
       project(dir, ~s([cargo: [programs: [{"detector", "detektor"}]]]))
       assert {text, 1} = compile(dir)
-      assert text =~ "cargo was asked for detektor and built no such file"
+      assert text =~ "cargo built no file detektor"
 
       project(
         dir,
@@ -403,7 +405,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
       )
 
       assert {text, 1} = compile(dir)
-      assert text =~ "config :rover, programs: expected a list out of :detector, got: [:detektor]"
+      assert text =~ "config :rover, programs: expected a list of :detector, got: [:detektor]"
     end
   end
 end

@@ -1,12 +1,18 @@
 defmodule Mix.Tasks.Compile.Cargo.Crates do
   @moduledoc """
-  What the Mix compiler is to build: the options `cargo:` of a project, and what the configuration
-  of its application asks for. Pure but for looking whether the workspace is there.
+  Checks the options `cargo:` of a project, and determines which crates to build.
+
+  `Mix.Tasks.Compile.Cargo` uses it. It reads nothing but whether the workspace exists.
+
+      {:ok, crates} = Mix.Tasks.Compile.Cargo.Crates.new(:rover, [programs: ["detector"]], nil)
+      Mix.Tasks.Compile.Cargo.Crates.files(crates)
+      #=> [{"detector", "bin/detector"}]
   """
 
   @enforce_keys [:name, :path]
   defstruct [:name, :path, nifs: [], packages: [], programs: [], locked?: false]
 
+  @typedoc "The crates to build. `packages` are the packages of all NIFs and programs."
   @type t :: %__MODULE__{
           name: String.t(),
           path: Path.t(),
@@ -20,14 +26,16 @@ defmodule Mix.Tasks.Compile.Cargo.Crates do
   @example ~s(cargo: [path: "native", programs: ["my_program"]])
 
   @doc """
-  The crates of the application `app` with the options `given`, of whose programs those `asked` for
-  are built; `nil` asks for all. A mistake is `{:error, sentence}`.
+  Returns the crates of the application `app` with the options `given`.
+
+  `selected` lists the programs to build, and `nil` selects all. Invalid options return
+  `{:error, sentence}`.
   """
   @spec new(atom(), term(), term()) :: {:ok, t()} | {:error, String.t()}
-  def new(app, given, asked) do
+  def new(app, given, selected) do
     with {:ok, options} <- options(app, given),
-         :ok <- there(app, options[:path]),
-         {:ok, chosen} <- choose(app, options[:programs], asked) do
+         :ok <- check_workspace(app, options[:path]),
+         {:ok, chosen} <- select(app, options[:programs], selected) do
       programs = Enum.map(options[:always] ++ chosen, &pair/1)
       nifs = List.wrap(options[:nif])
 
@@ -43,7 +51,7 @@ defmodule Mix.Tasks.Compile.Cargo.Crates do
     end
   end
 
-  @doc "The files to install: `{name in cargo's folder, name in priv}`."
+  @doc "Returns the files to install, as `{name in cargo's folder, name in priv}`."
   @spec files(t()) :: [{String.t(), String.t()}]
   def files(%__MODULE__{} = crates) do
     nifs =
@@ -57,39 +65,40 @@ defmodule Mix.Tasks.Compile.Cargo.Crates do
   defp options(app, nil) do
     {:error,
      "#{app} has the compiler :cargo and no options for it: add `#{@example}` to project/0 in " <>
-       "mix.exs, or take :cargo out of `compilers:`"}
+       "mix.exs, or remove :cargo from `compilers:`"}
   end
 
   defp options(app, given) do
     options = [path: "native", programs: [], always: [], nif: nil, locked: false]
 
     cond do
-      not Keyword.keyword?(given) -> refuse(app, "keywords as in `#{@example}`", given)
-      (unknown = Keyword.keys(given) -- @keys) != [] -> refuse(app, accepted(), unknown)
-      mistake = Enum.find_value(given, &mistake/1) -> refuse(app, mistake, given)
+      not Keyword.keyword?(given) -> format_invalid(app, "keywords as in `#{@example}`", given)
+      (unknown = Keyword.keys(given) -- @keys) != [] -> format_invalid(app, known_keys(), unknown)
+      expected = Enum.find_value(given, &expected/1) -> format_invalid(app, expected, given)
       true -> {:ok, Keyword.merge(options, given)}
     end
   end
 
-  defp accepted, do: "the keys " <> Enum.map_join(@keys, ", ", &inspect/1)
+  defp known_keys, do: "the keys " <> Enum.map_join(@keys, ", ", &inspect/1)
 
-  defp refuse(app, expected, got) do
+  defp format_invalid(app, expected, got) do
     {:error,
-     "cargo: in the mix.exs of #{app}: expected #{expected}, got: #{inspect(got)}; correct it there"}
+     "invalid value for cargo: in the mix.exs of #{app}: expected #{expected}, " <>
+       "got: #{inspect(got)}"}
   end
 
-  defp mistake({:path, path}) when is_binary(path) and path != "", do: nil
-  defp mistake({:path, _path}), do: ~s(path: a folder such as "native")
+  defp expected({:path, path}) when is_binary(path) and path != "", do: nil
+  defp expected({:path, _path}), do: ~s(path: a folder such as "native")
 
-  defp mistake({:nif, nif}) do
+  defp expected({:nif, nif}) do
     unless nif |> List.wrap() |> Enum.all?(&name?/1),
       do: "nif: nil or the name of a package, or a list of names"
   end
 
-  defp mistake({:locked, locked}) when is_boolean(locked), do: nil
-  defp mistake({:locked, _locked}), do: "locked: true or false"
+  defp expected({:locked, locked}) when is_boolean(locked), do: nil
+  defp expected({:locked, _locked}), do: "locked: true or false"
 
-  defp mistake({key, programs}) do
+  defp expected({key, programs}) do
     unless is_list(programs) and Enum.all?(programs, &program?/1),
       do: ~s(#{key}: a list of names such as "detector" or {"package", "detector"})
   end
@@ -98,38 +107,40 @@ defmodule Mix.Tasks.Compile.Cargo.Crates do
   defp program?(program), do: name?(program)
   defp name?(name), do: is_binary(name) and name =~ ~r/\A[A-Za-z0-9_-]+\z/
 
-  defp there(app, path) do
+  defp check_workspace(app, path) do
     if File.regular?(Path.join(path, "Cargo.toml")) do
       :ok
     else
       {:error,
-       "#{app} has the compiler :cargo, and there is no #{Path.join(path, "Cargo.toml")}: put the " <>
-         "crate or workspace there, correct `path:` in `cargo:`, or take :cargo out of " <>
-         "`compilers:` in mix.exs"}
+       "#{app} has the compiler :cargo but no #{Path.join(path, "Cargo.toml")}: put the crate " <>
+         "or workspace there, correct `path:` in `cargo:`, or remove :cargo from `compilers:` " <>
+         "in mix.exs"}
     end
   end
 
-  defp choose(_app, programs, nil), do: {:ok, programs}
+  defp select(_app, programs, nil), do: {:ok, programs}
 
-  defp choose(app, programs, asked) do
+  defp select(app, programs, selected) do
     names = Enum.map(programs, &elem(pair(&1), 1))
-    strange = if is_list(asked), do: Enum.reject(asked, &(named(&1) in names)), else: asked
 
-    if strange == [] do
-      asked = Enum.map(asked, &named/1)
-      {:ok, Enum.filter(programs, &(elem(pair(&1), 1) in asked))}
+    unknown =
+      if is_list(selected), do: Enum.reject(selected, &(name(&1) in names)), else: selected
+
+    if unknown == [] do
+      selected = Enum.map(selected, &name/1)
+      {:ok, Enum.filter(programs, &(elem(pair(&1), 1) in selected))}
     else
       {:error,
-       "config #{inspect(app)}, programs: expected a list out of #{listed(names)}, " <>
-         "got: #{inspect(strange)}; correct it, or remove it to have all of them"}
+       "config #{inspect(app)}, programs: expected a list of #{format_names(names)}, " <>
+         "got: #{inspect(unknown)}; correct it, or remove it to build all programs"}
     end
   end
 
-  defp named(name) when is_atom(name) or is_binary(name), do: to_string(name)
-  defp named(_other), do: nil
+  defp name(name) when is_atom(name) or is_binary(name), do: to_string(name)
+  defp name(_other), do: nil
 
-  defp listed([]), do: "no programs"
-  defp listed(names), do: Enum.map_join(names, ", ", &inspect(String.to_atom(&1)))
+  defp format_names([]), do: "no programs"
+  defp format_names(names), do: Enum.map_join(names, ", ", &inspect(String.to_atom(&1)))
 
   defp pair({package, program}), do: {package, program}
   defp pair(program), do: {program, program}

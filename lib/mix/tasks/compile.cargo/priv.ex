@@ -1,29 +1,33 @@
 defmodule Mix.Tasks.Compile.Cargo.Priv do
   @moduledoc """
-  Puts what cargo has built into the `priv` of the project's application, and takes out again what
-  is not built any more.
+  Installs files that cargo has built in the `priv` of the project's application.
 
-  A manifest beside those of Mix's own compilers has what was put there, so that nothing is copied
-  twice, and nothing removed that somebody else has put there.
+  `Mix.Tasks.Compile.Cargo` calls it after each build. It also removes files that are no longer
+  built. A manifest beside the manifests of Mix's own compilers lists the installed files, so that
+  none is copied twice and files from elsewhere stay.
+
+      Mix.Tasks.Compile.Cargo.Priv.install([{"camera", "bin/camera"}], "_build/cargo/release")
+      #=> {:ok, []}
   """
 
   @manifest "compile.cargo"
 
   @doc """
-  Installs files, `{name in the folder built, name in priv}`. `{:ok, []}` when anything was done,
-  else `{:noop, []}`.
+  Installs files from the folder `built`, as `{name in that folder, name in priv}`.
+
+  Returns `{:ok, []}` if it changed anything, and `{:noop, []}` if not.
   """
   @spec install([{String.t(), String.t()}], Path.t()) :: {:ok | :noop, []}
   def install(files, built) do
     before = read()
-    now = Map.new(files, fn {from, to} -> {to, put(Path.join(built, from), to, before[to])} end)
+    now = Map.new(files, fn {from, to} -> {to, copy(Path.join(built, from), to, before[to])} end)
     gone = Map.keys(before) -- Map.keys(now)
     Enum.each(gone, &File.rm(path(&1)))
     _ = unless now == before, do: write(now)
     {if(now == before, do: :noop, else: :ok), []}
   end
 
-  @doc "Removes what was installed."
+  @doc "Removes all installed files."
   @spec remove() :: :ok
   def remove do
     Enum.each(Map.keys(read()), &File.rm(path(&1)))
@@ -31,27 +35,27 @@ defmodule Mix.Tasks.Compile.Cargo.Priv do
     :ok
   end
 
-  # A running program or a loaded NIF keeps its old file: the new one takes its name.
-  defp put(from, to, kept) do
+  # The new file replaces the name, so that a running program or a loaded NIF keeps its old file.
+  defp copy(from, to, installed) do
     to = path(to)
-    built = mark(from) || Mix.raise(missing(from))
+    built = fingerprint(from) || Mix.raise(missing(from))
 
-    if kept != {built, mark(to)} do
+    if installed != {built, fingerprint(to)} do
       File.mkdir_p!(Path.dirname(to))
       File.cp!(from, to <> ".new")
       File.rename!(to <> ".new", to)
     end
 
-    {built, mark(to)}
+    {built, fingerprint(to)}
   end
 
   defp missing(from) do
-    "cargo was asked for #{Path.basename(from)} and built no such file: look at the names in " <>
-      "`cargo:` of mix.exs and in the package's Cargo.toml (a NIF is a `cdylib`)"
+    "cargo built no file #{Path.basename(from)}: compare the names in `cargo:` of mix.exs " <>
+      "with those in the package's Cargo.toml (a NIF is a `cdylib`)"
   end
 
-  # What changes whenever a file is made anew.
-  defp mark(file) do
+  # It changes whenever the file is written again.
+  defp fingerprint(file) do
     case File.stat(file, time: :posix) do
       {:ok, stat} -> {stat.size, stat.mtime, stat.inode}
       {:error, _reason} -> nil

@@ -1,16 +1,20 @@
 defmodule Mix.Tasks.Compile.Cargo.Progress do
   @moduledoc """
-  Shows what cargo says, line by line, on standard error. For `System.cmd(…, into: %Progress{})`.
+  Prints the output of cargo line by line on standard error.
 
-  cargo ends with a line that it has finished, also when there was nothing to do: alone, or after a
-  line that says for what it waits, it is not shown.
+  `Mix.Tasks.Compile.Cargo` collects the output of `System.cmd/3` into it. cargo ends each build
+  with a line "Finished". That line is left out if cargo has built nothing.
+
+      alias Mix.Tasks.Compile.Cargo.Progress
+      System.cmd("cargo", ["build"], into: %Progress{}, stderr_to_stdout: true)
   """
 
   defstruct rest: "", shown?: false
 
+  @typedoc "The text after the last complete line, and whether a line has been printed."
   @type t :: %__MODULE__{rest: String.t(), shown?: boolean()}
 
-  @doc "Takes what cargo has printed: the text to show now, and what is left of it for later."
+  @doc "Adds output of cargo. Returns the text to print now and the new state."
   @spec take(t(), String.t()) :: {String.t(), t()}
   def take(%__MODULE__{} = progress, text) do
     {lines, [rest]} = (progress.rest <> text) |> String.split("\n") |> Enum.split(-1)
@@ -20,12 +24,14 @@ defmodule Mix.Tasks.Compile.Cargo.Progress do
   end
 
   defp line(line, progress) do
-    if not progress.shown? and said?(line, "Finished"),
+    if not progress.shown? and begins_with?(line, "Finished"),
       do: {[], progress},
-      else: {[line, "\n"], %{progress | shown?: progress.shown? or not said?(line, "Blocking")}}
+      else:
+        {[line, "\n"],
+         %{progress | shown?: progress.shown? or not begins_with?(line, "Blocking")}}
   end
 
-  defp said?(line, word), do: line =~ ~r/\A(\e\[[\d;]*m|\s)*#{word}\b/
+  defp begins_with?(line, word), do: line =~ ~r/\A(\e\[[\d;]*m|\s)*#{word}\b/
 
   defimpl Collectable do
     alias Mix.Tasks.Compile.Cargo.Progress
