@@ -1,6 +1,8 @@
 defmodule Ganglion.Application do
   @moduledoc """
-  What runs in a VM with Ganglion, and who ends with whom.
+  The application `:ganglion`: its supervision tree, with safety beside it.
+
+  OTP starts it. What it supervises depends on the configuration:
 
       outside of any application:
       BB.Safety.Supervisor                  see there
@@ -20,13 +22,13 @@ defmodule Ganglion.Application do
       │     └── ▌ BB.Firmware.Network
       └── ▌ the robot                       if robot: is configured; see BB.Supervisor
 
-  ▌ is a bulkhead (`BB.Process.Bulkhead`): what fails behind it is started again there and fails
-  nobody else. So the application ends when it is stopped, or when Ganglion.Supervisor or the
-  process above it is killed. All armed robots are disarmed then, also those that others have
-  started (`BB.Safety.Host`); the others' robots go on, disarmed, and can be armed when the
-  application has been started again.
+  ▌ is a bulkhead (`BB.Process.Bulkhead`): it restarts its child without limit, so that a failure
+  behind it never reaches another child. The application therefore ends only when it is stopped,
+  or when Ganglion.Supervisor or the process above it is killed. Every armed robot is disarmed
+  then, also the robots of other applications (`BB.Safety.Host`). These continue to run disarmed,
+  and can be armed as soon as the application has been started again.
 
-  Who watches over the robot starts before it and ends after it.
+  Guard, gate and network start before the robot and end after it.
   """
 
   use Application
@@ -34,7 +36,7 @@ defmodule Ganglion.Application do
   alias BB.Process.Bulkhead
   alias BB.Safety
 
-  # All children are bulkheads, which end only when they are killed.
+  # All children are bulkheads: they end only when they are killed.
   @restarts [max_restarts: 1_000, max_seconds: 1]
 
   @impl Application

@@ -1,30 +1,30 @@
 defmodule Ganglion.Demo do
   @moduledoc """
-  The demonstration behind `bin/demo`: a robot on simulated buses or on those of the machine, watched for a while. It is the
-  robot that ships, the one with all drivers, or any other:
+  The demonstration: runs a robot and shows its sensors and ring topics once a second.
+
+  `bin/demo` calls it, and so does the `bin/demo` of a project with a robot of its own:
 
       Ganglion.Demo.main(["--seconds", "10"], robot: Rover)
 
-  It starts the robot with its simulated buses, subscribes to everything that the robot publishes, and each second shows what came:
-  of any robot its sensors, of one that speaks through the ring its topics too. SIGTERM (which `bin/demo` makes of Ctrl-C) and the
-  end of the time stop the robot in order; then comes the summary.
+  It starts the robot on simulated buses or on the buses of the machine, and subscribes to all of
+  its messages. At the end of the time or after SIGTERM, which `bin/demo` sends on Ctrl-C, it
+  stops the robot and prints a summary.
 
-  Each run has ring topics of its own, `demo_<number of the process>.camera` and so on (`BB.Topic`), so that demonstrations go on
-  beside each other and beside other robots.
+  The ring topics of each run have a prefix of their own, such as `demo_4711.camera` (`BB.Topic`),
+  so that several demonstrations and other robots can run at the same time.
   """
 
   alias BB.Bus.Sim
   alias BB.Sensor.NativeProcess.Program
 
   alias Ganglion.Demo.{
+    Declaration,
     LogTail,
     Observation,
     Options,
-    Processor,
     RealBuses,
     Report,
-    Signals,
-    Wiring
+    Signals
   }
 
   alias Ganglion.{Json, Robot}
@@ -32,11 +32,12 @@ defmodule Ganglion.Demo do
   @imu_address 0x68
   @log_lines 5
 
-  defstruct [:options, :started, :screen?, :robot, :observation, :processor, log: []]
+  defstruct [:options, :started, :screen?, :robot, :observation, :cpu_start, log: []]
 
   @doc """
-  Runs the demonstration with the arguments of the command line and ends the VM with its exit status. `robot:` is the robot that
-  it shows where the arguments name none.
+  Runs the demonstration with the arguments of the command line and halts the VM with its status.
+
+  The option `robot:` is the robot that it shows unless the arguments name one.
   """
   @spec main([String.t()]) :: no_return()
   @spec main([String.t()], robot: module()) :: no_return()
@@ -46,13 +47,17 @@ defmodule Ganglion.Demo do
     status =
       case Options.parse(argv, from, Keyword.get(opts, :robot, Robot)) do
         {:ok, options} -> run(options)
-        {:error, mistake} -> fail(mistake, 2)
+        {:error, sentence} -> print_error(sentence, 2)
       end
 
     System.halt(status)
   end
 
-  @doc "Runs the demonstration: 0, or 1 when it cannot start, after a line on standard error that says why."
+  @doc """
+  Runs the demonstration and returns its exit status.
+
+  The status is 0, or 1 if it could not start. The reason is on standard error then.
+  """
   @spec run(Options.t()) :: 0..1
   def run(options) do
     with :ok <- check_photographs(options.frames),
@@ -62,7 +67,7 @@ defmodule Ganglion.Demo do
       demo |> watch() |> finish()
       0
     else
-      {:error, why} -> fail(why, 1)
+      {:error, sentence} -> print_error(sentence, 1)
     end
   end
 
@@ -74,7 +79,7 @@ defmodule Ganglion.Demo do
     screen? = not options.json and System.get_env("GANGLION_TERMINAL") == "1"
     if screen?, do: LogTail.attach(self())
 
-    :ok = record(imu)
+    :ok = start_recorded_imu(imu)
 
     case options.robot.start_link(topic_prefix: "demo_#{System.pid()}") do
       {:ok, robot} ->
@@ -87,27 +92,28 @@ defmodule Ganglion.Demo do
            started: now(),
            screen?: screen?,
            observation: Observation.new([], now()),
-           processor: Processor.start()
+           cpu_start: {cpu_ms(), now_ms()}
          }}
 
       {:error, reason} ->
-        {:error, sentence(reason)}
+        {:error, format_error(reason)}
     end
   end
 
-  # What is on a bus already goes before what the robot declares.
-  defp record(nil), do: :ok
+  # A device that is on a bus already takes precedence over the robot's declaration.
+  defp start_recorded_imu(nil), do: :ok
 
-  defp record(imu) do
+  defp start_recorded_imu(imu) do
     devices = %{@imu_address => {Sim.Mpu6050, source: imu}}
     {:ok, _} = Sim.start_link(buses: %{"i2c-1" => [devices: devices]})
     :ok
   end
 
-  # The loop: messages as they come, a look each second, until the time is over or somebody stops it.
+  # Counts messages and refreshes the screen each second, until the time is over or a signal
+  # comes.
 
   defp watch(demo) do
-    Process.send_after(self(), :look, 1000)
+    Process.send_after(self(), :refresh, 1000)
 
     _ =
       if demo.options.seconds, do: Process.send_after(self(), :over, demo.options.seconds * 1000)
@@ -119,7 +125,7 @@ defmodule Ganglion.Demo do
     receive do
       {:bb, path, message} -> loop(observe(demo, &Observation.message(&1, path, message, now())))
       {:log, line} -> loop(%{demo | log: Enum.take([line | demo.log], @log_lines)})
-      :look -> loop(look(demo))
+      :refresh -> loop(refresh(demo))
       :over -> demo
       {:signal, :sigterm} -> demo
       {:EXIT, robot, _reason} when robot == demo.robot -> demo
@@ -129,11 +135,11 @@ defmodule Ganglion.Demo do
 
   defp observe(demo, fun), do: %{demo | observation: fun.(demo.observation)}
 
-  defp look(demo) do
-    Process.send_after(self(), :look, 1000)
+  defp refresh(demo) do
+    Process.send_after(self(), :refresh, 1000)
     demo = observe_topics(demo)
     show(demo)
-    observe(demo, &Observation.looked/1)
+    observe(demo, &Observation.look/1)
   end
 
   defp observe_topics(demo) do
@@ -143,7 +149,7 @@ defmodule Ganglion.Demo do
   end
 
   defp topics(robot) do
-    for topic <- Wiring.topics(robot), {:ok, info} <- [BB.Ring.info(topic)], do: info
+    for topic <- Declaration.topics(robot), {:ok, info} <- [BB.Ring.info(topic)], do: info
   end
 
   defp finish(demo) do
@@ -176,27 +182,33 @@ defmodule Ganglion.Demo do
 
   defp view(demo) do
     %{
-      name: name(demo.options.robot),
+      name: Declaration.name(demo.options.robot),
       observation: demo.observation,
       health: Enum.sort_by(BB.Sensor.health(demo.options.robot), & &1.name),
       carried:
         for(
-          name <- Wiring.carriers(demo.options.robot),
+          name <- Declaration.carriers(demo.options.robot),
           {:ok, stats} <- [BB.Handoff.stats(demo.options.robot, name)],
           into: %{},
           do: {name, stats}
         ),
-      outputs: Wiring.outputs(demo.options.robot),
-      vision?: Wiring.sees?(demo.options.robot),
-      processor: Processor.share(demo.processor),
+      outputs: Declaration.outputs(demo.options.robot),
+      vision?: Declaration.vision?(demo.options.robot),
+      processor: processor_share(demo.cpu_start),
       seconds: (now() - demo.started) / 1.0e9,
       now: now(),
       log: Enum.reverse(demo.log)
     }
   end
 
-  defp name(robot), do: to_string(robot.robot().settings[:name] || inspect(robot))
+  # The share of one core that all threads of the VM use; `nil` in the first second.
+  defp processor_share({cpu_start_ms, start_ms}) do
+    passed_ms = now_ms() - start_ms
+    if passed_ms >= 1000, do: (cpu_ms() - cpu_start_ms) / passed_ms
+  end
 
+  defp cpu_ms, do: :runtime |> :erlang.statistics() |> elem(0)
+  defp now_ms, do: System.monotonic_time(:millisecond)
   defp now, do: System.monotonic_time(:nanosecond)
 
   # Input
@@ -209,15 +221,15 @@ defmodule Ganglion.Demo do
   defp imu_source(path) do
     case Sim.Recording.load(path) do
       {:ok, recording} -> {:ok, {:recording, recording}}
-      {:error, error} -> {:error, sentence(error)}
+      {:error, error} -> {:error, format_error(error)}
     end
   end
 
   defp camera_args(nil), do: []
-  # Finding the tags of a photograph takes longer than of the rendered scene.
+  # Detection takes longer on a photograph than on the rendered scene.
   defp camera_args(folder), do: ["--frames", folder, "--rate", "10"]
 
-  # The camera itself says whether it can use the photographs, before anything is started.
+  # The camera program checks the photographs before the robot starts.
   defp check_photographs(nil), do: :ok
 
   defp check_photographs(folder) do
@@ -234,10 +246,10 @@ defmodule Ganglion.Demo do
     end
   end
 
-  defp sentence(reason), do: BB.Supervisor.format_error(reason)
+  defp format_error(reason), do: BB.Supervisor.format_error(reason)
 
-  defp fail(why, status) do
-    IO.puts(:stderr, "demo: #{why}")
+  defp print_error(sentence, status) do
+    IO.puts(:stderr, "demo: #{sentence}")
     status
   end
 end

@@ -1,11 +1,15 @@
 defmodule Ganglion.Json do
   @moduledoc """
-  Terms as JSON text (RFC 8259): maps, lists, strings, atoms, numbers. `nil`, `true` and `false` are JSON's own.
+  Encodes terms as JSON text (RFC 8259).
+
+  `bin/demo --json` and the benches use it. It accepts maps, lists, strings, atoms and numbers.
+  `nil` becomes `null`; `true` and `false` stay.
 
       iex> Ganglion.Json.encode(%{"a" => [1, 2.5, nil], b: "x\\"y"}) |> IO.iodata_to_binary()
       ~S({"a":[1,2.5,null],"b":"x\\"y"})
   """
 
+  @typedoc "A term that can be encoded."
   @type t ::
           nil
           | boolean()
@@ -15,7 +19,7 @@ defmodule Ganglion.Json do
           | [t()]
           | %{(atom() | String.t()) => t()}
 
-  @doc "The text, on one line. The keys of a map are sorted."
+  @doc "Returns the JSON text on one line. The keys of maps are sorted."
   @spec encode(t()) :: iodata()
   def encode(nil), do: "null"
   def encode(value) when is_boolean(value), do: Atom.to_string(value)

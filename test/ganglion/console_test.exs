@@ -3,6 +3,8 @@ defmodule Ganglion.ConsoleTest do
   use ExUnit.Case, async: false
 
   import BB.Test.Eventually
+
+  doctest Ganglion.Console.Rows
   import BB.Test.Robot
   import ExUnit.CaptureIO
 
@@ -59,7 +61,7 @@ defmodule Ganglion.ConsoleTest do
   defp shown(fun) do
     text = capture_io(fn -> assert fun.() == :ok end)
     for line <- String.split(text, "\n"), do: assert(String.length(line) <= 80, line)
-    refute text =~ "that did not work"
+    refute text =~ "command failed"
     assert for(<<char <- text>>, char not in 0x20..0x7E and char != ?\n, do: char) == [], text
     text
   end
@@ -143,7 +145,7 @@ defmodule Ganglion.ConsoleTest do
       assert text =~ ~r/other slot +1.0.0/
       assert text =~ "by a person, on the console"
       assert text =~ "nerves_fw_version 2.0.0"
-      assert text =~ ~r/what happened:\n.*is reverted\s+by a\s+person/
+      assert text =~ ~r/latest events:\n.*is reverted\s+by a\s+person/
     end
 
     test "never starts firmware that did not stay when it was tried", context do
@@ -154,7 +156,7 @@ defmodule Ganglion.ConsoleTest do
       assert_receive {Memory, :prevent_revert}, 30_000
 
       assert Trial.refused?(folder, "old")
-      assert shown(fn -> Console.revert(folder) end) =~ "there is no other firmware"
+      assert shown(fn -> Console.revert(folder) end) =~ "the other slot has no firmware"
       # The slot may be as it was, where the board could not close it.
       put_other(context.memory, %{"nerves_fw_uuid" => "old", "nerves_fw_version" => "1.0.0"})
       assert shown(fn -> Console.revert(folder) end) =~ "refused: the firmware 1.0.0 in the other"
@@ -237,10 +239,10 @@ defmodule Ganglion.ConsoleTest do
         ],
         robot <- [NoRobot, "no robot", nil] do
       text = capture_io(fn -> assert fun.(robot) == :ok end)
-      assert text =~ ~r/that did not work|refused|none|NoRobot is disarmed/
+      assert text =~ ~r/command failed|refused|none|NoRobot is disarmed/
     end
 
-    assert capture_io(fn -> Console.watch(:nonsense, seconds: -1) end) =~ "that did not work"
+    assert capture_io(fn -> Console.watch(:nonsense, seconds: -1) end) =~ "command failed"
     assert capture_io(fn -> Console.i2c_scan(:nonsense) end) != ""
   end
 

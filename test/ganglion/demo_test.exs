@@ -3,12 +3,14 @@ defmodule Ganglion.DemoTest do
 
   alias BB.Message
   alias BB.Message.Vision.TagDetections
-  alias Ganglion.Demo.{Observation, Options, Report, Wiring}
+  alias Ganglion.Demo.{Declaration, Observation, Options, Report}
   alias Ganglion.Robots.All
 
   doctest Ganglion.Json
   doctest Ganglion.Demo.Counter
+  doctest Ganglion.Demo.Declaration
   doctest Ganglion.Demo.Latency
+  doctest Ganglion.Demo.Options
   doctest Ganglion.Demo.RealBuses
 
   describe "the command line" do
@@ -32,10 +34,10 @@ defmodule Ganglion.DemoTest do
             {~w(extra), ["extra", "--seconds N"]},
             {~w(--seconds 0), ["from 1 up", "got: 0"]},
             {~w(--seconds soon), ["whole number", "got: soon"]},
-            {~w(--robot none), ["ganglion or all", "got: none"]},
+            {~w(--robot none), ["ganglion, all", "got: none"]},
             {~w(--robot NoRobot), ["a robot's module", "got: NoRobot"]},
             {~w(--robot Enum), ["a robot's module", "got: Enum"]},
-            {~w(--robot all --imu walk.csv), ["--imu", "ganglion alone"]},
+            {~w(--robot all --imu walk.csv), ["--imu", "ganglion only"]},
             {~w(--bus i2c-7), ["--bus", "add --real"]},
             {~w(--real --bus), ["--bus", "nothing"]},
             {~w(--real --imu walk.csv), ["--imu", "--real"]},
@@ -55,27 +57,29 @@ defmodule Ganglion.DemoTest do
     assert {:ok, %{robot: ^robot}} = Options.parse([], "/", robot)
     assert {:ok, %{robot: Ganglion.Robots.All}} = Options.parse(~w(--robot all), "/", robot)
     assert {:error, sentence} = Options.parse(~w(--imu walk.csv), "/", robot)
-    assert sentence =~ "ganglion alone"
+    assert sentence =~ "ganglion only"
   end
 
-  describe "the wiring of a robot" do
+  describe "the declaration of a robot" do
     test "names its topics, what carries them, and where its output can be seen" do
-      assert Wiring.topics(Ganglion.Robot) |> Enum.sort() == ~w(camera imu tags)
-      assert Wiring.carriers(Ganglion.Robot) |> Enum.sort() == [:imu_outlet, :tags_inlet]
+      assert Declaration.topics(Ganglion.Robot) |> Enum.sort() == ~w(camera imu tags)
+      assert Declaration.carriers(Ganglion.Robot) |> Enum.sort() == [:imu_outlet, :tags_inlet]
 
-      assert Wiring.outputs(Ganglion.Robot) ==
+      assert Declaration.outputs(Ganglion.Robot) ==
                %{camera: "camera", imu_outlet: "imu", tags_inlet: "tags"}
 
-      assert Wiring.sees?(Ganglion.Robot)
+      assert Declaration.vision?(Ganglion.Robot)
     end
 
     test "follows publishes, and leaves out what is not declared" do
       robot = a_robot()
-      assert Wiring.name(robot) == "stranger"
-      assert Wiring.topics(robot) == ~w(scans map pose)
-      assert Wiring.outputs(robot) == %{mapper: "map"}
-      refute Wiring.sees?(robot)
-      assert {[], [], %{}} = {Wiring.topics(All), Wiring.carriers(All), Wiring.outputs(All)}
+      assert Declaration.name(robot) == "stranger"
+      assert Declaration.topics(robot) == ~w(scans map pose)
+      assert Declaration.outputs(robot) == %{mapper: "map"}
+      refute Declaration.vision?(robot)
+
+      assert {[], [], %{}} =
+               {Declaration.topics(All), Declaration.carriers(All), Declaration.outputs(All)}
     end
   end
 

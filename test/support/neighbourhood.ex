@@ -101,7 +101,7 @@ defmodule BB.Test.Neighbourhood do
     for show <- [&Ganglion.Console.sensors/1, &Ganglion.Console.health/1] do
       text = capture_io(fn -> show.(robot) end)
       assert text =~ ~r/neighbour +.*up/
-      refute text =~ "that did not work"
+      refute text =~ "command failed"
     end
   end
 

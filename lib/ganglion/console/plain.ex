@@ -1,10 +1,11 @@
 defmodule Ganglion.Console.Plain do
   @moduledoc """
-  Text that arrives wherever it is printed: ASCII, one line, and the kernel's errors in words.
+  Converts text to one line of ASCII, with the kernel's errors in words.
 
-  A write with a character beyond Latin-1 is dropped whole where a command runs over ssh (`ssh
-  host '…'`), and what a driver, a robot or a card says may have any character. What has a
-  counterpart in ASCII is spelled by it, what has none is a `?`.
+  The console uses it for each text that it prints. A command over ssh (`ssh host '…'`) drops each
+  write with a character beyond Latin-1, and the text of a driver or a robot may have any
+  character. A character with an ASCII counterpart becomes that counterpart, any other becomes
+  `?`.
 
       iex> Ganglion.Console.Plain.line("5 µm² – naïve…\\n日本")
       "5 um2 - naive... ??"
@@ -53,37 +54,48 @@ defmodule Ganglion.Console.Plain do
     "Ł" => "L"
   }
 
-  @doc "The text as one line. What is no text is shown as Elixir writes it."
+  @doc "Returns the text as one line of ASCII. Bytes that are no text are inspected."
   @spec line(String.t()) :: String.t()
   def line(text) do
     if String.valid?(text),
-      do: text |> String.replace(~r/[\p{Cc}\p{Cf}\p{Zl}\p{Zp}]+/u, " ") |> errnos() |> ascii(),
+      do:
+        text
+        |> String.replace(~r/[\p{Cc}\p{Cf}\p{Zl}\p{Zp}]+/u, " ")
+        |> explain_errnos()
+        |> ascii(),
       else: text |> inspect(limit: 50) |> ascii()
   end
 
-  @doc "An error of the world in words: `{:errno, 28}` and `:enospc` are the same."
-  @spec words(term()) :: String.t()
-  def words({:errno, number} = error) do
+  @doc """
+  Formats the reason of an `{:error, reason}`. Numbers and names of the kernel's errors become
+  words.
+
+      iex> Ganglion.Console.Plain.format_error({:errno, 28})
+      "no space left on device"
+      iex> Ganglion.Console.Plain.format_error(:enospc)
+      "no space left on device"
+  """
+  @spec format_error(term()) :: String.t()
+  def format_error({:errno, number} = error) do
     case errno(number) do
       nil -> inspect(error)
       words -> words
     end
   end
 
-  def words(text) when is_binary(text), do: line(text)
+  def format_error(text) when is_binary(text), do: line(text)
 
-  def words(posix) when is_atom(posix) do
+  def format_error(posix) when is_atom(posix) do
     case :file.format_error(posix) do
       ~c"unknown POSIX error" ++ _rest -> inspect(posix)
       words -> line(List.to_string(words))
     end
   end
 
-  def words(term), do: line(inspect(term, limit: 20))
+  def format_error(term), do: line(inspect(term, limit: 20))
 
-  # `errno 28`, and `{:errno, 28}` inside of what was inspected; not where the words follow
-  # already.
-  defp errnos(text) do
+  # Adds the words to `errno 28` and `{:errno, 28}`, unless they follow already.
+  defp explain_errnos(text) do
     Regex.replace(~r/(?:\{:errno, (\d+)\}|\berrno (\d+)\b)(?! \()/, text, fn all, one, other ->
       case errno(String.to_integer(one <> other)) do
         nil -> all
@@ -114,7 +126,7 @@ defmodule Ganglion.Console.Plain do
     end
   end
 
-  # A letter without its marks.
+  # A letter without its diacritics.
   defp base(chars) when is_list(chars) do
     case for(char <- chars, char in 0x20..0x7E, do: char) do
       [] -> "?"

@@ -1,6 +1,8 @@
 defmodule Ganglion.Console.Table do
   @moduledoc """
-  Plain tables for a terminal of 80 columns, in ASCII (`Ganglion.Console.Plain`). Pure.
+  Formats tables and lines for a terminal of 80 columns, in ASCII (`Ganglion.Console.Plain`).
+
+  The console and the demonstration use it. It is pure.
 
       iex> Ganglion.Console.Table.render(["sensor", "Hz"], [[:imu, 100.04], [:camera, nil]])
       "sensor  Hz\\nimu     100.0\\ncamera  -\\n"
@@ -13,9 +15,14 @@ defmodule Ganglion.Console.Table do
   @narrowest 4
   @dots 3
 
+  @typedoc "The content of a cell; `nil` is shown as `-`."
   @type cell :: String.t() | atom() | number() | nil | [atom()]
 
-  @doc "A table with a line for the header and one for each row. What is too long for the width is cut, in the widest columns."
+  @doc """
+  Returns a table with a line for the header and one for each row.
+
+  A table that is too wide has its widest columns cut.
+  """
   @spec render([String.t()], [[cell()]], pos_integer()) :: String.t()
   def render(header, rows, width \\ @width) do
     lines = Enum.map([header | rows], fn row -> Enum.map(row, &text/1) end)
@@ -24,7 +31,7 @@ defmodule Ganglion.Console.Table do
   end
 
   @doc """
-  A line that is not longer than the width.
+  Returns the text as one line, cut to the width.
 
       iex> Ganglion.Console.Table.cut("a\\nlong line", 7)
       "a lo..."
@@ -41,7 +48,7 @@ defmodule Ganglion.Console.Table do
   end
 
   @doc """
-  A long line in several that are not longer than the width, from the second on with an indent.
+  Wraps a text into lines of at most the width. Each line after the first has an indent.
 
       iex> Ganglion.Console.Table.wrap("imu: no answer at 0x68", 12)
       "imu: no\\n  answer at\\n  0x68\\n"
@@ -60,7 +67,7 @@ defmodule Ganglion.Console.Table do
   end
 
   @doc """
-  The lines under a row of `BB.Sensor.health/1`: its error in words; none where there was none.
+  Returns the line with the last error of a row of `BB.Sensor.health/1`, or `""` without an error.
 
       iex> Ganglion.Console.Table.trouble(%{name: :imu, state: :up, error: "no answer at 0x68"})
       "imu was down: no answer at 0x68\\n"
@@ -71,7 +78,7 @@ defmodule Ganglion.Console.Table do
   def trouble(row), do: wrap("#{row.name}: #{row.error}")
 
   @doc """
-  A time span in nanoseconds, short.
+  Formats a duration in nanoseconds.
 
       iex> Ganglion.Console.Table.age(12_345_678)
       "12 ms"

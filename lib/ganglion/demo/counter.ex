@@ -1,24 +1,31 @@
 defmodule Ganglion.Demo.Counter do
   @moduledoc """
-  Something that counts up, seen one by one (`hit/2`) or by a number that is read now and then (`reach/3`). Times are nanoseconds.
+  Counts events and computes their rate.
+
+  `Ganglion.Demo.Observation` uses it. Events are counted one by one (`hit/2`) or from a counter
+  that is read from time to time (`reach/3`). Times are nanoseconds. It is pure.
 
       iex> alias Ganglion.Demo.Counter
-      iex> counter = nil |> Counter.hit(0) |> Counter.hit(500_000_000) |> Counter.hit(1_000_000_000)
+      iex> counter = Enum.reduce([0, 500_000_000, 1_000_000_000], nil, &Counter.hit(&2, &1))
       iex> {counter.count, Counter.mean_rate(counter)}
       {3, 2.0}
 
-  A number that falls was set back to 0, as that of a topic is which was made anew: what it shows then is counted on top.
+  A counter that falls has started again from 0, as the counter of a new ring topic does. Its
+  value is added then.
 
       iex> alias Ganglion.Demo.Counter
-      iex> counter = Counter.start(100, 0) |> Counter.reach(130, 1_000_000_000) |> Counter.reach(5, 2_000_000_000)
-      iex> counter.count
+      iex> counter = Counter.start(100, 0) |> Counter.reach(130, 1_000_000_000)
+      iex> Counter.reach(counter, 5, 2_000_000_000).count
       35
   """
 
   @enforce_keys [:count, :number, :first, :last, :look]
   defstruct [:count, :number, :first, :last, :look]
 
-  @typedoc "`count` so far; `number` as last read; `first`, `last` and `look` are the count and the time then."
+  @typedoc """
+  The `count` of events and the `number` that was last read. `first`, `last` and `look` are the
+  count and the time at the first event, at the last event and at the last `look/1`.
+  """
   @type t :: %__MODULE__{
           count: non_neg_integer(),
           number: non_neg_integer(),
@@ -26,18 +33,19 @@ defmodule Ganglion.Demo.Counter do
           last: mark(),
           look: mark()
         }
+  @typedoc "A count and the time at which it was reached."
   @type mark :: {non_neg_integer(), integer()}
 
-  @doc "Nothing counted yet; a number that is there already does not count."
+  @doc "Returns a counter without events. Events up to `number` do not count."
   @spec start(non_neg_integer(), integer()) :: t()
   def start(number, now), do: new(0, number, now)
 
-  @doc "Counts one more."
+  @doc "Counts one event."
   @spec hit(t() | nil, integer()) :: t()
   def hit(nil, now), do: new(1, 1, now)
   def hit(counter, now), do: reach(counter, counter.number + 1, now)
 
-  @doc "Counts up to the number as it is read now. A first number counts whole."
+  @doc "Counts the events since `number` was last read. The first number counts as a whole."
   @spec reach(t() | nil, non_neg_integer(), integer()) :: t()
   def reach(nil, number, now), do: new(number, number, now)
 
@@ -46,19 +54,19 @@ defmodule Ganglion.Demo.Counter do
     %{counter | count: count, number: number, last: {count, now}}
   end
 
-  @doc "Takes a look: `rate/1` counts from here."
+  @doc "Starts a new interval for `rate/1`."
   @spec look(t()) :: t()
   def look(counter), do: %{counter | look: counter.last}
 
-  @doc "Per second since the last look."
+  @doc "Returns the events per second since the last `look/1`."
   @spec rate(t()) :: float()
   def rate(%{look: look, last: last}), do: per_second(look, last)
 
-  @doc "Per second from the first to the last."
+  @doc "Returns the events per second from the first to the last event."
   @spec mean_rate(t()) :: float()
   def mean_rate(%{first: first, last: last}), do: per_second(first, last)
 
-  @doc "Nanoseconds since the last one."
+  @doc "Returns the nanoseconds since the last event."
   @spec age(t(), integer()) :: integer()
   def age(%{last: {_count, time}}, now), do: now - time
 

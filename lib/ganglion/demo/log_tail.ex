@@ -1,9 +1,14 @@
 defmodule Ganglion.Demo.LogTail do
   @moduledoc """
-  A `:logger` handler that sends each line to a process, as `{:log, line}`, for the foot of the demonstration's screen.
+  A `:logger` handler that sends each line to a process as `{:log, line}`.
+
+  The demonstration uses it to show the latest lines below its screen.
+
+      :ok = Ganglion.Demo.LogTail.attach(self())
+      receive do: ({:log, line} -> line)
   """
 
-  @doc "Log lines go to `pid`, and no longer to the terminal that shows the screen."
+  @doc "Replaces all handlers of the VM, so that log lines go to `pid` and not to the terminal."
   @spec attach(pid()) :: :ok
   def attach(pid) do
     Enum.each(:logger.get_handler_ids(), &:logger.remove_handler/1)
@@ -11,7 +16,7 @@ defmodule Ganglion.Demo.LogTail do
   end
 
   @doc false
-  # What OTP tells of normal starts and of alarms says nothing that the screen does not show.
+  # The screen shows normal starts and alarms already.
   def log(%{level: level, meta: %{error_logger: _}}, _config) when level in [:info, :notice],
     do: :ok
 

@@ -1,6 +1,12 @@
 defmodule Ganglion.Demo.Options do
   @moduledoc """
-  The demonstration's command line: pure but for looking whether files exist.
+  Parses the command line of `bin/demo`.
+
+  `Ganglion.Demo` uses it. It reads nothing but whether files and modules exist.
+
+      iex> {:ok, options} = Ganglion.Demo.Options.parse(["--seconds", "5", "--json"], "/")
+      iex> {options.seconds, options.json, options.robot}
+      {5, true, Ganglion.Robot}
   """
 
   @switches [
@@ -13,7 +19,8 @@ defmodule Ganglion.Demo.Options do
     json: :boolean
   ]
   @robots %{"ganglion" => Ganglion.Robot, "all" => Ganglion.Robots.All}
-  @accepted "--seconds N, --robot NAME, --real, --bus NAME, --imu FILE, --frames DIR, --json, --help"
+  @accepted "--seconds N, --robot NAME, --real, --bus NAME, --imu FILE, --frames DIR, --json, " <>
+              "--help"
 
   defstruct seconds: nil,
             robot: Ganglion.Robot,
@@ -23,6 +30,7 @@ defmodule Ganglion.Demo.Options do
             frames: nil,
             json: false
 
+  @typedoc "The options; `seconds: nil` runs until a signal."
   @type t :: %__MODULE__{
           seconds: pos_integer() | nil,
           robot: module(),
@@ -34,18 +42,20 @@ defmodule Ganglion.Demo.Options do
         }
 
   @doc """
-  The options of `argv`; relative paths count from `from`, `robot` is the one that is shown when none is named. A mistake is
-  `{:error, sentence}`.
+  Parses `argv`. Invalid arguments return `{:error, sentence}`.
+
+  Relative paths are relative to `from`; `robot` is the default robot.
   """
   @spec parse([String.t()], Path.t(), module()) :: {:ok, t()} | {:error, String.t()}
   def parse(argv, from, robot \\ Ganglion.Robot) do
     with {:ok, given} <- split(argv),
          {:ok, seconds} <- seconds(given[:seconds]),
          {:ok, robot} <- robot(given[:robot] || robot),
-         :ok <- only_with(robot, given),
+         :ok <- check_inputs(robot, given),
          :ok <- check_bus(given),
-         {:ok, imu} <- existing(given[:imu], from, &File.regular?/1, "--imu takes a file"),
-         {:ok, frames} <- existing(given[:frames], from, &File.dir?/1, "--frames takes a folder") do
+         {:ok, imu} <- existing(given[:imu], from, &File.regular?/1, "--imu: expected a file"),
+         {:ok, frames} <-
+           existing(given[:frames], from, &File.dir?/1, "--frames: expected a folder") do
       {:ok,
        %__MODULE__{
          seconds: seconds,
@@ -61,38 +71,45 @@ defmodule Ganglion.Demo.Options do
 
   defp split(argv) do
     case OptionParser.parse(argv, strict: @switches) do
-      {given, [], []} -> {:ok, given}
-      {_, [extra | _], []} -> {:error, "unexpected argument #{extra}; accepted: #{@accepted}"}
-      {_, _, [{option, value} | _]} -> {:error, refused(option, value)}
+      {given, [], []} ->
+        {:ok, given}
+
+      {_, [extra | _], []} ->
+        {:error, "unexpected argument #{extra}; expected one of #{@accepted}"}
+
+      {_, _, [{option, value} | _]} ->
+        {:error, format_invalid(option, value)}
     end
   end
 
-  defp refused("--robot", nil),
-    do: "--robot takes ganglion or all, or a robot's module, got nothing"
+  defp format_invalid("--robot", nil),
+    do: "--robot: expected ganglion, all or a robot's module, got nothing"
 
-  defp refused("--seconds", value),
-    do: "--seconds takes a whole number from 1 up, got: #{value || "nothing"}"
+  defp format_invalid("--seconds", value),
+    do: "--seconds: expected a whole number from 1 up, got: #{value || "nothing"}"
 
-  defp refused("--bus", nil), do: "--bus takes the name of a bus such as i2c-1, got nothing"
+  defp format_invalid("--bus", nil),
+    do: "--bus: expected the name of a bus such as i2c-1, got nothing"
 
-  defp refused(option, nil) when option in ["--imu", "--frames"],
-    do: "#{option} takes a path, got nothing"
+  defp format_invalid(option, nil) when option in ["--imu", "--frames"],
+    do: "#{option}: expected a path, got nothing"
 
-  defp refused(option, _value), do: "unknown option #{option}; accepted: #{@accepted}"
+  defp format_invalid(option, _value),
+    do: "unknown option #{option}; expected one of #{@accepted}"
 
   defp seconds(nil), do: {:ok, nil}
   defp seconds(seconds) when seconds > 0, do: {:ok, seconds}
-  defp seconds(seconds), do: {:error, refused("--seconds", seconds)}
+  defp seconds(seconds), do: {:error, format_invalid("--seconds", seconds)}
 
   defp robot(module) when is_atom(module), do: {:ok, module}
 
   defp robot(name) do
     with :error <- Map.fetch(@robots, name),
-         :error <- declared(name),
-         do: {:error, "--robot takes ganglion or all, or a robot's module, got: #{name}"}
+         :error <- robot_module(name),
+         do: {:error, "--robot: expected ganglion, all or a robot's module, got: #{name}"}
   end
 
-  defp declared(name) do
+  defp robot_module(name) do
     module = if name =~ ~r/\A[A-Z][\w.]{0,200}\z/, do: Module.concat([name])
 
     if module && Code.ensure_loaded?(module) && function_exported?(module, :robot, 0),
@@ -100,33 +117,36 @@ defmodule Ganglion.Demo.Options do
       else: :error
   end
 
-  defp only_with(Ganglion.Robot, _given), do: :ok
+  defp check_inputs(Ganglion.Robot, _given), do: :ok
 
-  defp only_with(_robot, given) do
+  defp check_inputs(_robot, given) do
     case Keyword.take(given, [:imu, :frames]) do
       [] -> :ok
-      [{option, _} | _] -> {:error, "--#{option} is for the robot ganglion alone"}
+      [{option, _} | _] -> {:error, "--#{option} works with the robot ganglion only"}
     end
   end
 
   defp check_bus(given) do
     cond do
       given[:bus] && !given[:real] ->
-        {:error, "--bus names a bus of this machine: add --real, which uses them"}
+        {:error, "--bus names a bus of this machine, for --real: add --real"}
 
       given[:imu] && given[:real] ->
         {:error,
-         "--imu feeds the simulated IMU, and --real has a real one: leave one of them out"}
+         "--imu feeds the simulated IMU, and --real uses a real one: leave one of them out"}
 
       true ->
         :ok
     end
   end
 
-  defp existing(nil, _from, _exists?, _what), do: {:ok, nil}
+  defp existing(nil, _from, _exists?, _expected), do: {:ok, nil}
 
-  defp existing(path, from, exists?, what) do
+  defp existing(path, from, exists?, expected) do
     path = Path.expand(path, from)
-    if exists?.(path), do: {:ok, path}, else: {:error, "#{what}, and there is none at #{path}"}
+
+    if exists?.(path),
+      do: {:ok, path},
+      else: {:error, "#{expected}, got: #{path}, which does not exist"}
   end
 end

@@ -1,13 +1,19 @@
 defmodule Ganglion.Demo.RealBuses do
   @moduledoc """
-  Puts a robot on the machine's own buses, for `bin/demo --real`.
+  Configures Ganglion to use the machine's own buses, for `bin/demo --real`.
+
+  `Ganglion.Demo` calls it before it starts the robot.
+
+      :ok = Ganglion.Demo.RealBuses.use_for(Ganglion.Robot, "i2c-7")
   """
 
   alias BB.Bus.Linux
 
   @doc """
-  Has the robot use the buses of this machine; `bus` stands for each of its I2C buses, if it is not
-  `nil`. `{:error, sentence}` when one of them cannot be opened.
+  Configures the buses of this machine for the robot.
+
+  A `bus` that is not `nil` replaces each I2C bus of the robot. Returns `{:error, sentence}` if a
+  bus cannot be opened.
   """
   @spec use_for(module(), String.t() | nil) :: :ok | {:error, String.t()}
   def use_for(robot, bus) do
@@ -21,7 +27,7 @@ defmodule Ganglion.Demo.RealBuses do
   end
 
   @doc """
-  The I2C buses that a robot's components name.
+  Returns the names of the I2C buses that a robot's components use.
 
       iex> Ganglion.Demo.RealBuses.names(Ganglion.Robot)
       ["i2c-1"]

@@ -1,16 +1,26 @@
 defmodule Ganglion.Demo.Report do
   @moduledoc """
-  What the demonstration shows, from what it has observed: pure text and data.
+  Formats what the demonstration has observed, as a screen, as a summary and as JSON data.
+
+  `Ganglion.Demo` makes a `t:view/0` once a second and prints the result. It is pure.
+
+      view |> Ganglion.Demo.Report.screen() |> IO.write()
   """
 
   alias BB.Message.Sensor.{Contact, Imu, JointState, PowerState, Range}
   alias BB.Message.System.Status
   alias BB.Message.Vision.TagDetections
   alias BB.Math.Vec3
-  alias Ganglion.Console.{Reading, Table}
+  alias Ganglion.Console.{Payload, Table}
   alias Ganglion.Demo.{Counter, Latency, Observation}
 
-  @typedoc "All that a report is made of. `carried` are the counters of outlets and inlets; `outputs` names a sensor's ring topic, `vision?` says whether tags are looked for, `processor` is the VM's share of a core."
+  @typedoc """
+  The data of a report.
+
+  `carried` has the counters of outlets and inlets, `outputs` the ring topic of each sensor that
+  has one. `vision?` tells whether the robot detects tags, and `processor` is the VM's share of a
+  core.
+  """
   @type view :: %{
           name: String.t(),
           observation: Observation.t(),
@@ -24,7 +34,7 @@ defmodule Ganglion.Demo.Report do
           log: [String.t()]
         }
 
-  @doc "The screen: sensors, topics, vision, the last lines of the log."
+  @doc "Returns the screen: sensors, topics, vision and the latest lines of the log."
   @spec screen(view()) :: iodata()
   def screen(view) do
     [
@@ -38,7 +48,7 @@ defmodule Ganglion.Demo.Report do
     ]
   end
 
-  @doc "The summary as `bin/demo --json` ends with."
+  @doc "Returns the summary as data, for `bin/demo --json`."
   @spec summary(view()) :: map()
   def summary(%{observation: observation} = view) do
     %{
@@ -54,7 +64,7 @@ defmodule Ganglion.Demo.Report do
     }
   end
 
-  @doc "The summary for a person."
+  @doc "Returns the summary as text."
   @spec closing(view()) :: iodata()
   def closing(view) do
     summary = summary(view)
@@ -62,7 +72,8 @@ defmodule Ganglion.Demo.Report do
     [
       "summary after #{Float.round(view.seconds / 1, 1)} s\n",
       for {name, sensor} <- Enum.sort(summary.sensors) do
-        "  #{pad(name, 15)} #{pad(sensor.state, 8)} #{sensor.published} published, #{rates(sensor)}, #{sensor.restarts} restarts\n"
+        "  #{pad(name, 15)} #{pad(sensor.state, 8)} #{sensor.published} published, " <>
+          "#{rates(sensor)}, #{sensor.restarts} restarts\n"
       end,
       if(view.vision?, do: ["  ", vision_line(view)], else: []),
       if(ring?(view),
@@ -118,7 +129,8 @@ defmodule Ganglion.Demo.Report do
     }
   end
 
-  # A message that came through the ring and did not decode. One that its publisher was killed in, or lapped, must never be among them.
+  # Messages from the ring that could not be decoded. The ring drops half-written and overwritten
+  # ones.
   defp torn(view),
     do: view.carried |> Map.values() |> Enum.map(&Map.get(&1, :malformed, 0)) |> Enum.sum()
 
@@ -139,7 +151,7 @@ defmodule Ganglion.Demo.Report do
     ]
   end
 
-  # What a sensor gives is seen on its pubsub path, or on its ring topic.
+  # The messages of a sensor are on its pubsub path or on its ring topic.
   defp counter(sensor, %{observation: observation, outputs: outputs}) do
     case {observation.paths[[:sensor | sensor.path]], observation.topics[outputs[sensor.name]]} do
       {{counter, _payload}, _} -> counter
@@ -173,7 +185,7 @@ defmodule Ganglion.Demo.Report do
   defp describe(%Status{load_1_min: load, memory_available: bytes}),
     do: "load #{decimal(load)}, #{div(bytes, 1_000_000)} MB free"
 
-  defp describe(%Range{range: :infinity}), do: "nothing in reach"
+  defp describe(%Range{range: :infinity}), do: "nothing in range"
   defp describe(%Range{range: range}), do: "#{decimal(range)} m"
   defp describe(%Contact{pressed: pressed?}), do: if(pressed?, do: "pressed", else: "not pressed")
 
@@ -187,8 +199,8 @@ defmodule Ganglion.Demo.Report do
   defp describe(%{lost: lost, malformed: malformed}), do: "#{lost} lost, #{malformed} malformed"
   defp describe(%{too_large: too_large}), do: "#{too_large} too large"
   defp describe(nil), do: ""
-  # A payload that is known to its robot alone.
-  defp describe(payload), do: Reading.line(payload)
+  # A payload type of the robot's own.
+  defp describe(payload), do: Payload.line(payload)
 
   defp length_of(%Vec3{x: x, y: y, z: z}), do: :math.sqrt(x * x + y * y + z * z)
   defp decimal(number), do: :erlang.float_to_binary(number, decimals: 2)
@@ -213,7 +225,7 @@ defmodule Ganglion.Demo.Report do
       case {Latency.quantile_us(observation.latency, 0.5),
             Latency.quantile_us(observation.latency, 0.99)} do
         {nil, nil} -> ""
-        {p50, p99} -> ", captured to known: p50 #{ms(p50)}, p99 #{ms(p99)}"
+        {p50, p99} -> ", from capture to message: p50 #{ms(p50)}, p99 #{ms(p99)}"
       end
 
     "vision: #{observation.frames} frames, #{observation.detections} tags seen#{latency}\n"

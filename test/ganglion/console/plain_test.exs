@@ -24,14 +24,14 @@ defmodule Ganglion.Console.PlainTest do
 
   test "errors of the kernel are words, however they are written" do
     for error <- [{:errno, 28}, :enospc] do
-      assert Plain.words(error) == "no space left on device"
+      assert Plain.format_error(error) == "no space left on device"
     end
 
     assert Plain.line("{:error, {:errno, 13}}") =~ "permission denied"
     assert Plain.line("open failed with errno 13") =~ "permission denied"
     assert Plain.line("errno 28 (no space)") == "errno 28 (no space)"
-    assert Plain.words({:errno, 9_999}) == "{:errno, 9999}"
-    assert Plain.words(:bus_not_found) == ":bus_not_found"
-    assert Plain.words({:bad, "ä"}) == ~s({:bad, "a"})
+    assert Plain.format_error({:errno, 9_999}) == "{:errno, 9999}"
+    assert Plain.format_error(:bus_not_found) == ":bus_not_found"
+    assert Plain.format_error({:bad, "ä"}) == ~s({:bad, "a"})
   end
 end

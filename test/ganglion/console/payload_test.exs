@@ -1,29 +1,29 @@
-defmodule Ganglion.Console.ReadingTest do
+defmodule Ganglion.Console.PayloadTest do
   use ExUnit.Case, async: true
 
-  alias Ganglion.Console.{Plain, Reading}
+  alias Ganglion.Console.{Payload, Plain}
 
-  doctest Reading
+  doctest Payload
 
   # Any payload may be published: each of ours, and what a robot of others makes.
   test "every payload is one line with its numbers" do
     for module <- payloads() do
-      line = Reading.line(struct(module, filled(module)))
+      line = Payload.line(struct(module, filled(module)))
       assert line == Plain.line(line)
       assert String.length(line) < 2_000
     end
   end
 
   test "what is long or no text is cut, and nothing raises" do
-    assert Reading.line(%{ranges: Enum.to_list(1..100)}) =~ "1, 2"
-    assert Reading.line(Enum.to_list(1..100)) == "1 2 3 4 5 6 ... (100)"
-    assert Reading.line(<<0::800>>) == "<100 bytes>"
-    assert Reading.line(String.duplicate("x", 100)) == "<100 bytes>"
-    assert Reading.line({1.0e-9, 1.0e12, 0.0}) == "1.000e-09 1.000e+12 0.0"
-    assert Reading.line([1 | 2]) == "[1 | 2]"
+    assert Payload.line(%{ranges: Enum.to_list(1..100)}) =~ "1, 2"
+    assert Payload.line(Enum.to_list(1..100)) == "1 2 3 4 5 6 ... (100)"
+    assert Payload.line(<<0::800>>) == "<100 bytes>"
+    assert Payload.line(String.duplicate("x", 100)) == "<100 bytes>"
+    assert Payload.line({1.0e-9, 1.0e12, 0.0}) == "1.000e-09 1.000e+12 0.0"
+    assert Payload.line([1 | 2]) == "[1 | 2]"
 
     for odd <- [nil, :atom, self(), make_ref(), &is_nil/1, [], {}, %{}, ~D[2026-01-02]],
-        do: assert(is_binary(Reading.line(odd)))
+        do: assert(is_binary(Payload.line(odd)))
   end
 
   defp payloads do
