@@ -158,6 +158,22 @@ defmodule DocumentationTest do
     end
   end
 
+  test "the architecture names only files that exist" do
+    text = File.read!("docs/architecture.md")
+
+    files =
+      for [_, file] <- Regex.scan(~r{`((?:lib|native|test|examples)/[^`<]+)`}, text), do: file
+
+    assert length(files) > 30
+    assert Enum.reject(files, &File.exists?/1) == []
+  end
+
+  test "the glossary has each term once" do
+    rows = Regex.scan(~r/^\| \*\*(.+?)\*\*/m, File.read!("docs/glossary.md"))
+    terms = for [_, terms] <- rows, term <- String.split(terms, ", "), do: term
+    assert terms -- Enum.uniq(terms) == []
+  end
+
   test "every command in bin/ is documented and says how it is used" do
     assert executables() -- Enum.flat_map(@documents, &commands/1) == []
 
