@@ -76,7 +76,7 @@ defmodule Bin.SetupTest do
     File.chmod!(Path.join(machine.folder, "done"), 0o666)
     stand_in(machine, "sudo", ~S(if [ "$1" = -n ]; then shift; fi; exec "$@"))
 
-    assert {"setup: [1/2] asking apt which packages there are\nsetup: [2/2] installing cmake\n",
+    assert {"setup: [1/2] updating the package lists of apt\nsetup: [2/2] installing cmake\n",
             0} = setup_as(:nobody, machine, [])
 
     assert [_, install] = done(machine)
@@ -141,7 +141,7 @@ defmodule Bin.SetupTest do
     assert {said, 2} = setup_as(:nobody, machine, ~w(dmeo))
 
     assert said =~
-             "does not know \"dmeo\"; accepted: bench chaos check demo docs ganglion new test"
+             "unknown command \"dmeo\"; expected one of: bench chaos check demo docs ganglion new test"
 
     assert {_, 2} = setup_as(:nobody, machine, ~w(demo test))
   end
