@@ -1,4 +1,5 @@
-# How long after its edge an emergency stop has disarmed the robot, idle and beside a machine that computes: see docs/performance.md.
+# Measures the time from the edge of an emergency stop to a disarmed robot, on an idle and on a
+# busy machine: see docs/performance.md.
 #
 #     bin/bench estop [--json]
 
@@ -39,7 +40,7 @@ defmodule Bench.EmergencyStop do
   end
 
   def run do
-    # It stands for the hand: what it waits for is not its own turn.
+    # This process is the hand that presses the button: it must not wait for a scheduler.
     Process.flag(:priority, :high)
     {chip, line} = @line
     button = {Contact, pins: [contact: line], normally: :closed}
@@ -53,20 +54,20 @@ defmodule Bench.EmergencyStop do
     Enum.each(busy, &Process.exit(&1, :kill))
   end
 
-  # From before the edge is made until the robot is not armed any more, and until its motor is safe.
+  # The times from before the edge until the robot is no longer armed, and until it is disarmed.
   defp press do
     {chip, _} = @line
     arm()
     flush()
     pressed = now()
     :ok = Lines.tell(chip, :button, :press)
-    not_armed = became(:disarming)
-    safe = became(:disarmed)
+    not_armed = await_transition(:disarming)
+    safe = await_transition(:disarmed)
     :ok = Lines.tell(chip, :button, :release)
     {not_armed - pressed, safe - pressed}
   end
 
-  defp became(state),
+  defp await_transition(state),
     do: receive(do: ({:bb, _, %{payload: %{to: ^state}} = message} -> message.monotonic_time))
 
   defp arm do
@@ -101,14 +102,15 @@ defmodule Bench.EmergencyStop do
 
   defp print(row, false) do
     IO.puts(
-      "#{row.load}: not armed after #{words(row.not_armed_us)}; disarmed after #{words(row.safe_us)}"
+      "#{row.load}: not armed after #{format(row.not_armed_us)}; " <>
+        "disarmed after #{format(row.safe_us)}"
     )
   end
 
   defp print(row, true), do: IO.puts(Ganglion.Json.encode(row))
 
-  defp words(spread),
-    do: "#{spread.median} µs (99 %: #{spread.p99}, most: #{spread.most}) of #{@presses}"
+  defp format(spread),
+    do: "#{spread.median} µs (99 %: #{spread.p99}, maximum: #{spread.most}) of #{@presses}"
 
   defp now, do: System.monotonic_time(:nanosecond)
 end

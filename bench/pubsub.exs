@@ -1,4 +1,4 @@
-# The pubsub's figures beside their baselines and peers, in one run: see docs/performance.md.
+# Measures the pubsub beside its baselines and peers, in one run: see docs/performance.md.
 #
 #     bin/bench pubsub [--json]
 
@@ -24,7 +24,8 @@ defmodule Bench.PubSub do
     linear_acceleration: %Vec3{x: 0.1, y: 0.2, z: 9.81}
   ]
 
-  # In a process with room for a round's garbage, as the receivers have for its messages: collecting it is nobody's figure.
+  # The process has a heap for the garbage of a round, and the receivers for its messages, so that
+  # garbage collection is not measured.
   def run do
     for measure <- [&measure/0, &measure_crowd/0] do
       {pid, ref} = :erlang.spawn_opt(measure, [:monitor, min_heap_size: @roomy])
@@ -35,7 +36,7 @@ defmodule Bench.PubSub do
   defp measure do
     contestants = contestants(receiver(), for(_ <- 1..10, do: receiver())) ++ messages()
     for _ <- 1..@warm_up, contestant <- contestants, do: one_round(contestant)
-    # Shuffled, so that nobody always comes after the same one.
+    # Shuffled, so that no contestant always follows the same one.
     rounds =
       for _ <- 1..@rounds, do: Map.new(Enum.shuffle(contestants), &{&1.name, one_round(&1)})
 
@@ -43,7 +44,7 @@ defmodule Bench.PubSub do
         do: report(contestant, rounds)
   end
 
-  # Who is compared with whom. The same processes receive in all cases, so that they differ in nothing but the publisher.
+  # The same processes receive in all cases, so that the cases differ in the publisher only.
 
   defp contestants(one, ten) do
     message = Message.new!(Imu, :imu, @attrs)
@@ -75,7 +76,7 @@ defmodule Bench.PubSub do
 
   defp send_all([], _delivery), do: :ok
 
-  # A case and its peer, which is compared with the case itself.
+  # A case and its peer, whose baseline is the case.
   defp publishing(name, receivers, others, baseline, message) do
     robot = name(name)
     peer = name(name <> "_registry")
@@ -115,28 +116,28 @@ defmodule Bench.PubSub do
 
   defp name(name), do: Module.concat(__MODULE__, name)
 
-  # A stream gets its route some milliseconds after its first message.
+  # A stream has a route some milliseconds after its first message.
   defp first_publish(robot, message) do
     :ok = PubSub.publish(robot, @path, message)
     Process.sleep(50)
   end
 
   defp messages do
-    made = fn -> {:ok, %Message{}} = Imu.new(:imu, @attrs) end
+    generated = fn -> {:ok, %Message{}} = Imu.new(:imu, @attrs) end
     walked = fn -> {:ok, %Imu{}} = walk() end
 
     [
-      %{name: "message_new_imu", baseline: "BB.Options.validate", run: made, receivers: []},
+      %{name: "message_new_imu", baseline: "BB.Options.validate", run: generated, receivers: []},
       %{name: "BB.Options.validate", baseline: nil, run: walked, receivers: []}
     ]
   end
 
-  # The same payload by walking the schema.
+  # The same payload, validated by walking the schema.
   defp walk do
     with {:ok, attrs} <- BB.Options.validate(@attrs, Imu.schema()), do: {:ok, struct!(Imu, attrs)}
   end
 
-  # The peer: a registry that is asked at each level.
+  # The peer: a registry with a lookup at each level of the path.
 
   defp dispatch(registry, path, message) do
     delivery = {:bb, path, %{message | robot: registry}}
@@ -151,7 +152,7 @@ defmodule Bench.PubSub do
     :ok
   end
 
-  # Receivers take what comes, count it, and keep the last.
+  # Receivers count their messages and keep the last one.
 
   defp receiver,
     do: :erlang.spawn_opt(fn -> drain(0, nil) end, [:link, min_heap_size: @roomy_receiver])
@@ -182,15 +183,16 @@ defmodule Bench.PubSub do
     receive do: ({^receiver, received} -> received)
   end
 
-  # A round with nobody receiving: many calls, timed as one, less as many calls of nothing.
+  # A round without receivers: many calls, timed together, minus the time of as many empty calls.
 
   defp one_round(%{run: run, receivers: []}) do
     :erlang.garbage_collect()
     (repeated_ns(run) - repeated_ns(fn -> :ok end)) / @calls
   end
 
-  # With receivers each call is timed alone, while all of them wait for a message as a robot's processes do. In a tight loop
-  # they would never sleep, and a slower sender would pay for waking them more often: an unequal comparison.
+  # With receivers each call is timed alone, while all of them wait for a message, as a robot's
+  # processes do. In a tight loop they would never sleep, and a slower sender would wake them more
+  # often: an unequal comparison.
   defp one_round(%{run: run, receivers: receivers} = contestant) do
     before = Enum.map(receivers, &received/1)
     :erlang.garbage_collect()
@@ -215,7 +217,7 @@ defmodule Bench.PubSub do
     System.monotonic_time(:nanosecond) - start
   end
 
-  # What asking for the time twice takes, which each sample has in it.
+  # The time of two readings of the clock, which each sample contains.
   defp clock_ns, do: median(for _ <- 1..@calls_alone, do: alone(fn -> :ok end, []))
 
   defp repeat(_run, 0), do: :ok
@@ -239,8 +241,9 @@ defmodule Bench.PubSub do
 
   defp median(samples), do: Enum.at(Enum.sort(samples), div(length(samples), 2))
 
-  # A crowd on one path, each in a process of its own and after the one before: how long subscribing,
-  # being sent a message and dying take, and what it takes of the memory beside those processes.
+  # A crowd on one path, each subscriber in a process of its own. Measures the time of subscribing
+  # one after the other, of receiving a message and of dying, and the memory beside those
+  # processes.
 
   defp measure_crowd do
     few = crowd("crowd_few", @few)
@@ -328,7 +331,7 @@ defmodule Bench.PubSub do
 
   # Reports.
 
-  # The ratio is the median of the rounds' ratios: a machine that changes its speed changes it for both.
+  # The ratio is the median of the rounds' ratios: a change of the machine's speed affects both.
   defp report(%{name: name, baseline: baseline}, rounds) do
     print(%{
       bench: "pubsub",

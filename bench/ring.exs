@@ -1,4 +1,4 @@
-# The ring's figures beside their baselines, in one run: see docs/performance.md.
+# Measures the ring beside its baselines, in one run: see docs/performance.md.
 #
 #     bin/bench ring [--json]
 
@@ -6,13 +6,13 @@ defmodule Bench.Ring do
   alias BB.Ring
   alias BB.Ring.{Message, Native, Publisher, Subscriber}
 
-  # Each case and its baseline are measured in turns, so that a machine whose pace drifts slows all of them alike.
+  # A case and its baseline are measured in turns: a change of the machine's speed affects both.
   @turns 7
   @rounds 15
   @messages 1000
   @rate_hz 1000
   @large 2_000_000
-  # As the native sender's: a receiver that is not run for a quarter of a second loses nothing.
+  # As for the native sender: a receiver that is not scheduled for 0.25 s loses no message.
   @depth 256
 
   def run do
@@ -58,7 +58,7 @@ defmodule Bench.Ring do
   defp middle_quantiles(turns),
     do: %{p50: middle(for(t <- turns, do: t.p50)), p99: middle(for(t <- turns, do: t.p99))}
 
-  # What each function returned in each turn.
+  # The results of each function in each turn.
   defp in_turns(functions) do
     turns = for _ <- 1..@turns, do: for(function <- functions, do: function.())
     turns |> Enum.zip() |> Enum.map(&Tuple.to_list/1)
@@ -81,7 +81,7 @@ defmodule Bench.Ring do
     ns
   end
 
-  # A port's cost for the caller, while the program at its other end reads all that comes.
+  # The cost of a port for the caller, while the program at the other end reads everything.
   defp port_write(size, calls) do
     sink = ["-c", "exec cat > /dev/null"]
 
@@ -160,7 +160,7 @@ defmodule Bench.Ring do
     quantiles(ages)
   end
 
-  # What a port delivers may be more than one message, or less.
+  # A port may deliver more or less than one message at once.
   defp next_from_port(_port, n, <<message::binary-size(48), rest::binary>>),
     do: {age(message, n), rest}
 
@@ -172,7 +172,7 @@ defmodule Bench.Ring do
     end
   end
 
-  # Absolute deadlines in whole milliseconds, which is what the BEAM's timers have.
+  # Absolute deadlines in whole milliseconds, the resolution of the BEAM's timers.
   defp paced(fun) do
     start = System.monotonic_time(:millisecond) + 10
 
@@ -190,8 +190,8 @@ defmodule Bench.Ring do
   defp age(data, n) do
     now = Ring.now_ns()
 
-    <<time::little-64, ^n::little-64, ^n::little-64, ^n::little-64, ^n::little-64, ^n::little-64>> =
-      data
+    <<time::little-64, stamps::binary-size(40)>> = data
+    ^stamps = for _ <- 1..5, into: <<>>, do: <<n::little-64>>
 
     now - time
   end
@@ -288,12 +288,14 @@ defmodule Bench.Ring do
   end
 
   defp text(%{p50_us: p50, p99_us: p99} = line) do
-    "#{String.pad_trailing(line.case, 28)} p50 #{pad(p50)} us   p99 #{pad(p99)} us   #{line.ratio} x / #{line.ratio_p99} x native to native"
+    "#{String.pad_trailing(line.case, 28)} p50 #{pad(p50)} us   p99 #{pad(p99)} us   " <>
+      "#{line.ratio} x / #{line.ratio_p99} x native to native"
   end
 
   defp text(line),
     do:
-      "#{String.pad_trailing(line.case, 28)} #{pad(line.ns)} ns   #{line.ratio} x #{line.baseline} (#{line.baseline_ns} ns)"
+      "#{String.pad_trailing(line.case, 28)} #{pad(line.ns)} ns   #{line.ratio} x " <>
+        "#{line.baseline} (#{line.baseline_ns} ns)"
 
   defp pad(number), do: String.pad_leading(to_string(number), 10)
   defp ratio(a, b), do: Float.round(a / b, 2)

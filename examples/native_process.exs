@@ -1,15 +1,17 @@
-# A native process as a sensor: it is started, restarted and stopped with the robot, and speaks through the ring.
+# A native process as a sensor: it starts, restarts and stops with the robot, and publishes on the
+# ring.
 #
 #     mix run examples/native_process.exs
 #
-# The process is the camera that ships. It publishes frames of a rendered scene; each is a header of 44 bytes, then pixels.
+# The process is the camera that ships. It publishes frames of a rendered scene: a header of 44
+# bytes, then pixels.
 
 defmodule Watcher do
   @moduledoc "A robot with a camera."
 
   use BB
 
-  # A name that nobody else on this machine uses.
+  # A name that no other process on this machine uses.
   @topic "example_frames_#{System.pid()}"
 
   sensors do
@@ -35,7 +37,7 @@ defmodule Frames do
     {sequence, "#{width} × #{height}"}
   end
 
-  # The camera's frames from now on, up to the first that is not of the camera which is `dead`.
+  # Reads frames until the first one of a new camera, whose process is not `dead`.
   def after_restart(subscriber, dead) do
     {sequence, _size} = next(subscriber)
     {:ok, %{writer_pid: alive}} = BB.Ring.info(Watcher.topic())
@@ -43,7 +45,7 @@ defmodule Frames do
   end
 end
 
-# A subscriber may come before its topic does.
+# A subscriber may open a topic that does not exist yet.
 {:ok, subscriber} = BB.Ring.Subscriber.open(Watcher.topic(), policy: :latest)
 {:ok, _} = Watcher.start_link()
 {:ok, _} = BB.subscribe(Watcher, [:sensor_status, :camera])
@@ -51,8 +53,8 @@ end
 {first, size} = Frames.next(subscriber)
 IO.puts("frames of #{size}")
 
-# Kill it, as the kernel does when memory is short. Its sensor goes down and says why, the next camera takes the topic over
-# in place, and the subscriber reads on without noticing more than a gap in time.
+# Kill it, as the kernel does when memory is short. Its sensor goes down with a reason, the next
+# camera takes over the topic in place, and the subscriber continues after a gap in time.
 {:ok, %{writer_pid: os_pid}} = BB.Ring.info(Watcher.topic())
 {_, 0} = System.cmd("kill", ["-9", to_string(os_pid)])
 
@@ -63,10 +65,11 @@ end
 
 next = Frames.after_restart(subscriber, os_pid)
 true = next > first
-IO.puts("frames again, numbered on")
+IO.puts("frames again, with the next numbers")
 
-# When the robot stops, its processes do, and the topic goes with them. The script is linked to what it started, and goes on.
+# When the robot stops, its processes end, and the topic with them. The script is linked to the
+# robot, and traps its exit.
 Process.flag(:trap_exit, true)
 :ok = Supervisor.stop(Watcher)
 {:error, {:no_topic, _path}} = BB.Ring.info(Watcher.topic())
-IO.puts("nothing is left")
+IO.puts("the topic is gone")

@@ -1,11 +1,11 @@
-# A driver of one's own, for a chip that nobody has written one for, and a robot with it.
+# A driver for a chip, and a robot with it.
 #
 #     mix run examples/own_driver.exs
 #
-# The chip is an LM75 thermometer: asked for two bytes, it answers with the temperature in steps of 1/8 °C. Here it is
-# simulated; on a board the same driver talks to the real one.
+# The chip is an LM75 thermometer: its two bytes are the temperature in steps of 1/8 °C. Here it
+# is simulated; on a board the same driver reads the real one.
 
-# What is measured: a payload is a struct with a schema.
+# The payload: a struct with a schema.
 defmodule Temperature do
   @moduledoc "A temperature in degrees Celsius."
 
@@ -13,8 +13,8 @@ defmodule Temperature do
   use BB.Message, schema: [celsius: [type: :float, required: true]]
 end
 
-# The driver: it opens the chip, asks it at each tick, and publishes what it answers. When the chip does not answer, the
-# driver stops with the reason; starting it again is its robot's business.
+# The driver: it opens the chip, reads it at each tick, and publishes the temperature. If the chip
+# does not answer, the driver stops with the reason, and the robot restarts it.
 defmodule Lm75 do
   @moduledoc "The thermometer LM75 on I2C."
 
@@ -57,7 +57,7 @@ defmodule Lm75 do
   @impl BB.Sensor
   def terminate(_reason, state), do: state.i2c.close(state.bus)
 
-  # Bytes become a reading in a pure function, which a test holds to the numbers of the datasheet.
+  # Decoding is a pure function, so that a test can check it with the numbers of the datasheet.
   def decode(<<eighths::signed-11, _::5>>), do: eighths / 8
 
   defp read(state) do
@@ -66,7 +66,7 @@ defmodule Lm75 do
   end
 end
 
-# The simulated chip, which is always at 21.5 °C.
+# The simulated chip, at 21.5 °C.
 defmodule SimulatedLm75 do
   @moduledoc "An LM75 on a simulated bus."
 
@@ -103,7 +103,7 @@ end
 {:ok, _} = BB.subscribe(Greenhouse, [:sensor_status, :bed, :soil])
 
 defmodule Listener do
-  @moduledoc "Says what it hears until the sensor has come to a state."
+  @moduledoc "Prints the messages of the sensor."
 
   alias BB.Message.Sensor.Status
 
@@ -127,7 +127,8 @@ end
 
 Listener.readings(3)
 
-# A wire comes off. The sensor goes down alone and says why; put back, it is up again by itself.
+# Unplug the chip: the sensor goes down with a reason. Plug it in again: the robot restarts the
+# sensor.
 BB.Bus.Sim.unplug("i2c-1", 0x48)
 Listener.state(:backoff)
 

@@ -2,19 +2,20 @@
 #
 #     mix run examples/ring.exs
 #
-# Here both ends are in the BEAM. Either may be another program in any language: a topic is a file in /dev/shm.
+# Here publisher and subscriber are in the BEAM. Either may be a program in another language: a
+# topic is a file in /dev/shm.
 
 alias BB.Ring
 alias BB.Ring.{Message, Publisher, Subscriber}
 
-# A name that nobody else on this machine uses.
+# A name that no other process on this machine uses.
 topic = "example_#{System.pid()}"
 
 # Eight slots for messages of up to 100 bytes.
 {:ok, publisher} = Publisher.open(topic, depth: 8, max_message_size: 100)
 
-# An active subscriber gets messages sent to it. `active: 3` is credit for three of them, so that a fast publisher cannot fill
-# its mailbox; what it has no credit for waits in the ring.
+# An active subscriber receives messages in its mailbox. `active: 3` gives credit for three of
+# them, so that a fast publisher cannot fill the mailbox; further messages wait in the ring.
 {:ok, subscriber} = Subscriber.open(topic, active: 3, start: {:history, 8})
 %Subscriber{ref: ref} = subscriber
 
@@ -32,18 +33,19 @@ receive do
   {:bb_ring_passive, ^ref} -> IO.puts("the credit is used up")
 end
 
-# The publisher never waits. It goes on, and overwrites what is oldest.
+# The publisher never waits. It overwrites the oldest messages.
 for n <- 3..22, do: :ok = Publisher.publish(publisher, "scan #{n}")
 
-# A passive subscriber asks. It gets what the ring still has, and is told what it has lost.
+# A passive subscriber calls recv/2. It gets the oldest message that remains, with the number of
+# lost ones.
 {:ok, %Message{} = message} = Subscriber.recv(subscriber, 1000)
 IO.puts("message #{message.sequence}: #{message.data}, after #{message.lost} lost")
 
-# Or only what is newest, for which a camera's frames are wanted.
+# latest/1 returns the newest message, for example of a camera.
 {:ok, %Message{} = newest} = Subscriber.latest(subscriber)
 IO.puts("message #{newest.sequence}: #{newest.data}")
 
-# Mistakes of the world are values. A topic has one publisher at a time.
+# Failures are values. A topic has one publisher at a time.
 {:error, reason} = Publisher.open(topic)
 {:publisher_alive, _os_pid} = reason
 IO.puts("no second publisher: #{Ring.format_error(reason)}")

@@ -27,8 +27,8 @@ defmodule ExamplesTest do
     "examples/native_process.exs" => [
       ~S(frames of 640 × 480),
       ~S(camera is down: {:exit_status, 137}),
-      ~S(frames again, numbered on),
-      ~S(nothing is left)
+      ~S(frames again, with the next numbers),
+      ~S(the topic is gone)
     ]
   }
 

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Draws what a command printed as a terminal, in SVG.
+"""Draws the output of a command as a terminal, in SVG.
 
     bin/demo --seconds 20 | docs/images/terminal.py "bin/demo" >docs/images/demo.svg
 
-Of a command that shows one screen after the other, as bin/demo does, it takes the last whole one.
+If the command prints several screens, as bin/demo does, it draws the last whole one.
 """
 
 import re
@@ -13,7 +13,7 @@ from html import escape
 SIZE, LINE, MARGIN, BAR = 14, 19, 18, 34
 WIDTH = SIZE * 0.6
 FONT = "ui-monospace, SFMono-Regular, Menlo, Consolas, 'DejaVu Sans Mono', monospace"
-# The panel is dark on every page, so that the picture reads the same on light and dark ones.
+# The panel is dark, so that the picture looks the same on light and dark pages.
 COLOURS = {"panel": "#161b22", "edge": "#57606a", "title": "#8b949e", "text": "#e6edf3"}
 GREEN, RED = "#56d364", "#ff7b72"
 WORDS = {"up": GREEN, "live": GREEN, "backoff": RED, "stale": RED, "dead": RED}
@@ -27,7 +27,7 @@ def last_screen(text):
 
 
 def placed(line):
-    """What stands in a column begins there, whatever the font."""
+    """Places each column at its position, independent of the font."""
     for run in re.finditer(r"\S+(?: \S+)*", line):
         x = round(MARGIN + run.start() * WIDTH, 1)
         colour = f' fill="{WORDS[run[0]]}"' if run[0] in WORDS else ""

@@ -1,4 +1,4 @@
-"""Whether every link of a site leads somewhere, and no page asks another host for anything.
+"""Checks that every link of a site resolves, and that no page loads files from another host.
 
     links.py FOLDER [FOLDER-THAT-IS-NOT-READ ...]
 """
@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-# What a browser fetches by itself when it shows a page.
+# Elements and attributes whose target a browser loads with the page.
 FETCHED = {"script": "src", "img": "src", "iframe": "src", "source": "src", "link": "href"}
 
 
@@ -27,7 +27,7 @@ class Page(HTMLParser):
             self.fetched.add(attributes[FETCHED[tag]])
 
 
-def complaints(root, not_read):
+def broken_links(root, not_read):
     pages = {}
 
     def page(path):
@@ -47,14 +47,14 @@ def complaints(root, not_read):
             target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
             target = target / "index.html" if target.is_dir() else target
             if not target.is_file():
-                yield f"{path}: {link} leads nowhere"
+                yield f"{path}: {link} is broken"
             elif parts.fragment and target.suffix == ".html":
                 if {parts.fragment, unquote(parts.fragment)}.isdisjoint(page(target).anchors):
-                    yield f"{path}: {link}: there is no such place on that page"
+                    yield f"{path}: {link}: that page has no such anchor"
 
 
 if __name__ == "__main__":
     root = Path(sys.argv[1]).resolve()
-    found = list(complaints(root, [Path(folder).resolve() for folder in sys.argv[2:]]))
+    found = list(broken_links(root, [Path(folder).resolve() for folder in sys.argv[2:]]))
     print(*found, sep="\n", end="\n" if found else "", file=sys.stderr)
     sys.exit(bool(found))

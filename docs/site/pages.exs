@@ -1,12 +1,12 @@
-# Writes the source of the documentation's site: the documents of the repository at their places,
+# Writes the source of the documentation's site: the documents of the repository at their paths,
 # and a page for each module.
 #
 #     mix run --no-start docs/site/pages.exs FOLDER
 
 defmodule Site.Links do
-  @moduledoc "Where names and paths lead in the site."
+  @moduledoc "Makes links of names and paths."
 
-  @doc "Makes links of modules' and functions' names in inline code; `here` is the page's path."
+  @doc "Links modules and functions in inline code; `here` is the page's path."
   def names(text, here, known) do
     outside_code(text, fn part ->
       Regex.replace(
@@ -34,7 +34,7 @@ defmodule Site.Links do
     end
   end
 
-  @doc "Makes links of what a module's text says of its own functions, types and callbacks."
+  @doc "Links a module's own functions, types and callbacks in its text."
   def own(text, anchors) do
     outside_code(text, fn part ->
       Regex.replace(~r/(?<![\[`\w])`((?:[ct]:)?[a-z_]\w*[?!]?\/\d+)`(?![`\]])/, part, fn all,
@@ -46,10 +46,10 @@ defmodule Site.Links do
     end)
   end
 
-  @doc "From a page back to the top."
+  @doc "Returns the relative path from a page to the root of the site."
   def up(here), do: String.duplicate("../", length(Path.split(here)) - 1)
 
-  @doc "Applies `fun` to what is neither a fenced nor an indented block."
+  @doc "Applies `fun` to the text outside of fenced and indented blocks."
   def outside_code(text, fun) do
     text
     |> String.split(~r/^ *```.*?^ *``` *$/ms, include_captures: true)
@@ -58,7 +58,7 @@ defmodule Site.Links do
     end)
   end
 
-  # A drawing or an example: lines that stand four in, after an empty one.
+  # An indented block: lines indented by four, after an empty one.
   defp outside_indented(part, fun) do
     part
     |> String.split(~r/(?<=\n\n)(?: {4}.*\n|\n)+/, include_captures: true)
@@ -79,7 +79,7 @@ defmodule Site.Module do
     {:function, "Functions"}
   ]
 
-  @doc "What a module says of itself; `nil` when it says nothing."
+  @doc "Returns the docs of a module, or `nil` without docs."
   def read(module) do
     case Code.fetch_docs(module) do
       {:docs_v1, _, _, _, %{"en" => text}, _, entries} ->
@@ -91,10 +91,10 @@ defmodule Site.Module do
     end
   end
 
-  @doc "The names that can be linked to on its page."
+  @doc "Returns the anchors of its page."
   def anchors(page), do: Map.new(page.entries, fn {key, _, _, _, _} -> {anchor(key), true} end)
 
-  @doc "The page."
+  @doc "Returns the page as Markdown."
   def render(page) do
     text = Site.Links.own(page.text, anchors(page))
 
@@ -102,7 +102,7 @@ defmodule Site.Module do
     |> IO.iodata_to_binary()
   end
 
-  @doc "Its first sentence, for lists."
+  @doc "Returns its first paragraph, for lists."
   def summary(page) do
     [first | _] = String.split(page.text, ~r/\n\s*\n/, parts: 2)
     first |> String.replace(~r/\s+/, " ") |> String.trim()
@@ -131,7 +131,7 @@ defmodule Site.Module do
   defp text(%{"en" => text}, anchors), do: text |> deeper() |> Site.Links.own(anchors)
   defp text(_none, _anchors), do: ""
 
-  # Below the heading of a function.
+  # Moves headings below the heading of the function.
   defp deeper(text), do: Regex.replace(~r/^(##+) /m, text, "##\\1 ")
 
   defp anchor({:type, name, arity}), do: "t:#{name}/#{arity}"
@@ -186,7 +186,7 @@ defmodule Site.Module do
           )
   end
 
-  # What an opaque type is made of is nobody's business.
+  # The definition of an opaque type is hidden.
   defp shown(:opaque, {name, _, arguments}),
     do: code(["@opaque #{name}#{if arguments == [], do: "", else: "(…)"}"])
 
@@ -199,14 +199,14 @@ defmodule Site.Module do
 end
 
 defmodule Site do
-  @moduledoc "The whole source."
+  @moduledoc "Writes all pages."
 
   alias Site.{Links, Module}
 
   @documents ~w(README.md CONTRIBUTING.md CHANGELOG.md firmware/README.md) ++
                ~w(docs/**/*.md native/*/README.md)
 
-  # A page to which links lead, and not the table of contents.
+  # A page that is not in the table of contents.
   @alone "---\norphan: true\n---\n\n"
 
   def write(folder) do
@@ -242,7 +242,7 @@ defmodule Site do
     for module <- Application.spec(:ganglion, :modules), page = Module.read(module), do: page
   end
 
-  # A document keeps its place; the first one is the site's.
+  # A document keeps its path; README.md is the index.
   defp place("README.md"), do: "index.md"
   defp place(path), do: path
 
@@ -251,8 +251,8 @@ defmodule Site do
     put(site, place(path), [if(String.starts_with?(path, "native/"), do: @alone, else: ""), text])
   end
 
-  # Where a link to a file of the repository leads: to its page, to its module's, to a list of the
-  # folder, or to the file.
+  # The target of a link to a file of the repository: its page, the page of its module, a list of
+  # the folder, or the file itself.
   defp paths(text, document, site) do
     Links.outside_code(text, fn part ->
       Regex.replace(~r/\]\(([^)\s]+)\)/, part, fn all, target ->
@@ -273,7 +273,7 @@ defmodule Site do
       is_map_key(site.sources, full) -> to(document, "elixir/#{site.sources[full]}.md", "")
       File.dir?(full) -> listing(document, full, site)
       File.regular?(full) -> copy(document, full, site)
-      true -> raise "#{document}: the link #{target} leads nowhere"
+      true -> raise "#{document}: the link #{target} is broken"
     end
   end
 
@@ -292,7 +292,7 @@ defmodule Site do
     to(document, file, "")
   end
 
-  # A folder with a README has a page.
+  # The page of a folder is its README, or else a list of its files.
   defp listing(document, folder, site) do
     readme = Path.join(folder, "README.md")
     if readme in site.documents, do: to(document, readme, ""), else: list(document, folder, site)
@@ -330,7 +330,8 @@ defmodule Site do
           [_, package] <- [Regex.run(~r/^name = "(\w+)"/m, text)],
           crate = crate(toml, package),
           File.exists?("_build/cargo/doc/#{crate}/index.html"),
-          do: ~s(- <a href="rust/#{crate}/index.html"><code>#{crate}</code></a>: #{says(toml)}\n)
+          link = ~s(<a href="rust/#{crate}/index.html"><code>#{crate}</code></a>),
+          do: "- #{link}: #{first_line(toml)}\n"
 
     ["# Rust crates\n\nBuilt by rustdoc.\n\n", rows]
   end
@@ -342,8 +343,8 @@ defmodule Site do
     end
   end
 
-  # The first line of its documentation.
-  defp says(toml) do
+  # The first line of the crate's documentation.
+  defp first_line(toml) do
     sources = for name <- ~w(lib main), do: Path.join(Path.dirname(toml), "src/#{name}.rs")
     source = Enum.find(sources, &File.exists?/1)
     [_, line] = Regex.run(~r/^\/\/! (.*)$/m, File.read!(source))

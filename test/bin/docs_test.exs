@@ -33,13 +33,13 @@ defmodule Bin.DocsTest do
   test "a link that leads nowhere is told with its page", %{site: site} do
     page(site, "b.html", ~s(<a href="guides/c.html">c</a>))
     assert {said, 1} = check(site)
-    assert said == "#{real(site)}/b.html: guides/c.html leads nowhere\n"
+    assert said == "#{real(site)}/b.html: guides/c.html is broken\n"
   end
 
   test "so is one to a place that its page does not have", %{site: site} do
     page(site, "b.html", ~s(<a href="guides/a.html#start">a</a>))
     assert {said, 1} = check(site)
-    assert said =~ "b.html: guides/a.html#start: there is no such place on that page"
+    assert said =~ "b.html: guides/a.html#start: that page has no such anchor"
   end
 
   test "a page that asks another host for anything is wrong", %{site: site} do

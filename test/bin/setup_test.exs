@@ -76,8 +76,8 @@ defmodule Bin.SetupTest do
     File.chmod!(Path.join(machine.folder, "done"), 0o666)
     stand_in(machine, "sudo", ~S(if [ "$1" = -n ]; then shift; fi; exec "$@"))
 
-    assert {"setup: [1/2] updating the package lists of apt\nsetup: [2/2] installing cmake\n",
-            0} = setup_as(:nobody, machine, [])
+    assert {"setup: [1/2] updating the package lists of apt\nsetup: [2/2] installing cmake\n", 0} =
+             setup_as(:nobody, machine, [])
 
     assert [_, install] = done(machine)
     assert install =~ ~r/^install .*--no-install-recommends cmake$/
