@@ -190,8 +190,8 @@ defmodule Bench.Ring do
   defp age(data, n) do
     now = Ring.now_ns()
 
-    <<time::little-64, stamps::binary-size(40)>> = data
-    ^stamps = for _ <- 1..5, into: <<>>, do: <<n::little-64>>
+    <<time::little-64, stamps::binary>> = data
+    ^stamps = :binary.copy(<<n::little-64>>, 5)
 
     now - time
   end

@@ -1,7 +1,9 @@
 defmodule BB.Test.Actor do
-  @moduledoc "A process that runs functions when it is told to, and leaves what it is sent in its mailbox until it is asked for it."
+  @moduledoc """
+  A process that runs functions on request, and keeps its messages until a test reads them.
+  """
 
-  @doc "Starts an actor, which ends with the calling process."
+  @doc "Starts an actor that ends with the calling process."
   def start do
     caller = self()
 
@@ -26,14 +28,17 @@ defmodule BB.Test.Actor do
     end
   end
 
-  @doc "What has come from the bus since the last time, oldest first: `{path, payload}`, and `{:missed, path, count}`."
+  @doc """
+  Returns the messages since the last call, oldest first: `{path, payload}`, and `{:missed, path,
+  count}`.
+  """
   def received(actor), do: run(actor, fn -> take([]) end)
 
-  @doc "How many messages wait in its mailbox."
+  @doc "Returns the number of messages in its mailbox."
   def waiting(actor),
     do: run(actor, fn -> Process.info(self(), :message_queue_len) |> elem(1) end)
 
-  @doc "Ends the actor, which has ended when this returns."
+  @doc "Kills the actor, and returns when it has ended."
   def stop(actor) do
     ref = Process.monitor(actor)
     Process.exit(actor, :kill)

@@ -1,7 +1,8 @@
 defmodule BB.Test.Application do
   @moduledoc """
-  The application `:ganglion` under a test that ends it. Such a test runs alone (`async: false`)
-  and calls `restore/0` when it exits.
+  Starts, stops and kills the application `:ganglion` for a test.
+
+  Such a test runs alone (`async: false`) and calls `restore/0` when it exits.
   """
 
   import BB.Test.Eventually
@@ -9,7 +10,7 @@ defmodule BB.Test.Application do
   @app :ganglion
   @settings [:robot, BB.Firmware.Guard]
 
-  @doc "The application's own process, above its supervisor."
+  @doc "Returns the application's own process, above its supervisor."
   def host do
     {:dictionary, dictionary} =
       Ganglion.Supervisor |> Process.whereis() |> Process.info(:dictionary)
@@ -17,11 +18,11 @@ defmodule BB.Test.Application do
     hd(dictionary[:"$ancestors"])
   end
 
-  @doc "Starts the application anew, with a robot inside of it."
+  @doc "Restarts the application with a robot in it."
   def start_with(robot) do
     :ok = stop()
     Application.put_env(@app, :robot, robot)
-    # The ring is everybody's.
+    # The topic is unique, because all robots of a machine share the ring.
     Application.put_env(@app, BB.Firmware.Guard, topic: "guard_#{:rand.uniform(1_000_000_000)}")
     start()
   end
@@ -38,10 +39,10 @@ defmodule BB.Test.Application do
   @doc "Waits for the end of the application."
   def await_end, do: eventually(fn -> not running?() end, 30_000)
 
-  @doc "Whether the application runs."
+  @doc "Tells whether the application runs."
   def running?, do: List.keymember?(Application.started_applications(), @app, 0)
 
-  @doc "Has the application run as it does for tests."
+  @doc "Restores the configuration of the tests and starts the application."
   def restore do
     if Enum.any?(@settings, &(Application.get_env(@app, &1) != nil)) do
       _ = stop()
@@ -51,7 +52,7 @@ defmodule BB.Test.Application do
     start()
   end
 
-  @doc "All processes below a supervisor, and itself: `{path of ids, pid}`."
+  @doc "Returns all processes below a supervisor, and itself: `{path of ids, pid}`."
   def tree(supervisor, path \\ []) do
     pid = if is_atom(supervisor), do: Process.whereis(supervisor), else: supervisor
 
@@ -63,21 +64,21 @@ defmodule BB.Test.Application do
     [{path, pid} | Enum.concat(below)]
   end
 
-  # One may end while others are asked.
+  # A process may end while its siblings are listed.
   defp children(pid) do
     Supervisor.which_children(pid)
   catch
     :exit, _reason -> []
   end
 
-  @doc "Kills a process, which has ended when this returns."
+  @doc "Kills a process, and returns when it has ended."
   def kill(pid) do
     ref = Process.monitor(pid)
     Process.exit(pid, :kill)
     receive do: ({:DOWN, ^ref, :process, ^pid, _reason} -> :ok)
   end
 
-  @doc "Kills whoever has the name, so many times, as soon as somebody has it."
+  @doc "Kills the process with the name, `times` times, each as soon as a process has the name."
   def kill(name, times) do
     for _ <- 1..times, do: kill(eventually(fn -> Process.whereis(name) end, 30_000))
     :ok

@@ -1,6 +1,6 @@
 defmodule BB.Test.Bench do
   @moduledoc """
-  A driver on the bench: its process without a robot, a pubsub where it publishes, and a simulated bus, all of the test's own.
+  Runs a driver without a robot, with a pubsub and a simulated bus of its own.
 
       bench = Bench.new(BB.Sensor.Ina219, %{0x40 => {BB.Bus.Sim.Ina219, []}})
       pid = Bench.start!(bench, rate: 100)
@@ -17,7 +17,10 @@ defmodule BB.Test.Bench do
   @patience_ms 60_000
   @id :driver
 
-  @doc "A bench for that driver, whose bus has those devices. The calling process hears what is published."
+  @doc """
+  Returns a bench for a driver and its devices. The calling process receives the driver's
+  messages.
+  """
   def new(driver, devices) do
     unique = System.unique_integer([:positive])
     robot = Module.concat(driver, "Bench#{unique}")
@@ -48,26 +51,26 @@ defmodule BB.Test.Bench do
   @doc "Stops the driver as its supervisor would."
   def stop, do: stop_supervised!(@id)
 
-  @doc "The driver's options as its `init/1` gets them."
+  @doc "Returns the driver's options as its `init/1` gets them."
   def options(bench, opts) do
     {own, opts} = Keyword.split(args(bench, opts), [:__callback_module__, :bb])
     {:ok, opts} = BB.Options.validate(opts, bench.driver.options_schema())
     [bb: own[:bb]] ++ opts
   end
 
-  @doc "The next message that was published."
+  @doc "Returns the next message."
   def reading do
     assert_receive {:bb, [:sensor, :bench, :sensor], %BB.Message{} = message}, @patience_ms
     message
   end
 
-  @doc "The first message from now on for which `fun` says true."
+  @doc "Returns the next message for which `fun` returns true."
   def reading(fun) do
     message = reading()
     if fun.(message), do: message, else: reading(fun)
   end
 
-  @doc "Does something while no reading is under way, and forgets all messages of before."
+  @doc "Calls `fun` while no reading is in progress, and discards all earlier messages."
   def between_readings(pid, fun) do
     :ok = :sys.suspend(pid)
     result = fun.()
@@ -77,7 +80,9 @@ defmodule BB.Test.Bench do
   end
 
   @doc """
-  What `fault` ends a working driver with: something done between two readings. Nothing that was published after it is left behind.
+  Returns the reason with which a working driver ends after `fault`.
+
+  `fault` runs between two readings. No message that was published after it remains.
   """
   def reason_after(pid, fault) do
     reading()
@@ -86,7 +91,9 @@ defmodule BB.Test.Bench do
     reason
   end
 
-  @doc "Why a process ends, with something done that ends it where it does not by itself. Nothing that it has published comes later."
+  @doc """
+  Calls `fun` and returns the reason with which the process ends. Its messages arrive before that.
+  """
   def reason_of_end(pid, fun \\ fn -> :ok end) do
     monitor = Process.monitor(pid)
     fun.()
@@ -94,13 +101,13 @@ defmodule BB.Test.Bench do
     reason
   end
 
-  @doc "Puts another device in the place of the one at an address."
+  @doc "Replaces the device at an address."
   def replace(bench, address, device) do
     :ok = Sim.unplug(bench.bus, address)
     :ok = Sim.plug(bench.bus, address, device)
   end
 
-  @doc "Pulls the chip's wires and puts them back: it is as after power-on."
+  @doc "Pulls the chip's wires and restores them: the chip is as after power-on."
   def cut_power(bench, address) do
     :ok = Sim.unplug(bench.bus, address)
     :ok = Sim.replug(bench.bus, address)

@@ -5,8 +5,9 @@ defmodule BB.Test.BitStrings do
       size = 4
       <<head::binary-size(size), rest::binary>> = bytes
 
-  Elixir 1.20 warns of it and asks for a pin, `size(^size)`, which Elixir before 1.19 refuses. Code for
-  both binds the size inside the same bit string, or uses `binary_part/3` or `:erlang.split_binary/2`.
+  Elixir 1.20 warns about it and suggests a pin, `size(^size)`, which Elixir before 1.19 rejects.
+  Code for both binds the size inside the same bit string, or uses `binary_part/3` or
+  `:erlang.split_binary/2`.
 
       BB.Test.BitStrings.find("lib/a.ex")
       #=> [{"size(size)", 3}]
@@ -21,11 +22,11 @@ defmodule BB.Test.BitStrings do
               )
   @definitions [:def, :defp, :defmacro, :defmacrop]
 
-  @doc "The sizes in a file that are bound outside of their pattern, with their lines."
+  @doc "Returns the sizes in a file that are bound outside of their pattern, with their lines."
   @spec find(Path.t()) :: [{String.t(), line :: pos_integer()}]
   def find(file), do: file |> File.read!() |> find(file)
 
-  @doc "The same for the text of a file."
+  @doc "Does the same for the text of a file."
   @spec find(String.t(), Path.t()) :: [{String.t(), line :: pos_integer()}]
   def find(text, file) do
     {_ast, patterns} =
@@ -84,7 +85,7 @@ defmodule BB.Test.BitStrings do
 
   defp variables(ast), do: ast |> Macro.prewalk([], &variable/2) |> elem(1)
 
-  # What is behind these is no variable of the pattern.
+  # The arguments of these are no variables of the pattern.
   defp variable({outside, _, _}, names) when outside in [:@, :unquote], do: {nil, names}
 
   defp variable({name, _, context} = node, names) when is_atom(name) and is_atom(context),

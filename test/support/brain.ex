@@ -1,5 +1,7 @@
 defmodule BB.Test.Brain do
-  @moduledoc "A controller that answers `:options` with the options of its `init/1`, and fails when it is told to."
+  @moduledoc """
+  A controller that answers `:options` with the options of its `init/1`, and fails on request.
+  """
 
   use BB.Controller, options_schema: [rate: [type: :integer, default: 1]]
 

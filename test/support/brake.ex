@@ -1,18 +1,19 @@
 defmodule BB.Test.Brake do
   @moduledoc """
-  A component with a `disarm/1` that a test writes and that is counted:
+  A component with a scripted `disarm/1`, whose calls are counted.
 
-      Brake.script(robot, [:base, :brake], disarm: fn opts -> {:error, :stuck} end, init: fn opts -> {:stop, :absent} end)
+      Brake.script(robot, [:base, :brake], disarm: fn _opts -> {:error, :stuck} end)
       Brake.runs(robot, [:base, :brake])
 
-  Without a script both say `:ok`. The count is kept outside of every process that a test might kill.
+  Without a script, `init/1` and `disarm/1` return `:ok`. The count is outside of every process
+  that a test might kill.
   """
 
   use BB.Sensor, options_schema: [force: [type: :pos_integer, default: 10]]
 
   @table __MODULE__
 
-  @doc "Makes the table, once, by a process that outlives all tests."
+  @doc "Makes the table, once, in a process that outlives all tests."
   def setup, do: :ets.new(@table, [:named_table, :public])
 
   @doc "Sets callbacks."
@@ -21,14 +22,14 @@ defmodule BB.Test.Brake do
     :ok
   end
 
-  @doc "How often its disarm has been called."
+  @doc "Returns how often its `disarm/1` has been called."
   def runs(robot, path), do: :ets.update_counter(@table, {robot, path}, 0, {{robot, path}, 0})
 
-  @doc "Registers a brake without a component, by the calling process."
+  @doc "Registers a brake without a component, for the calling process."
   def register(robot, path),
     do: BB.Safety.register(__MODULE__, robot: robot, path: path, opts: options(robot, path))
 
-  @doc "Registers a brake without a component, by a process of its own, which is returned."
+  @doc "Registers a brake without a component, for a new process, which it returns."
   def register_apart(robot, path) do
     test = self()
 

@@ -1,14 +1,17 @@
 defmodule BB.Test.ChaosNode do
   @moduledoc """
-  A BEAM node that `bin/chaos ring` kills: it publishes and reads topics through `BB.Ring` as its environment says, and notes what it accepts.
+  A BEAM node that `bin/chaos ring` kills. It publishes and reads topics through `BB.Ring`, and
+  records the accepted messages.
 
-  Messages and records are those of the crate `chaos` (`message.rs`, `record.rs`).
+  Messages and records are those of the crate `chaos` (`message.rs`, `record.rs`). The environment
+  configures it:
 
-    * `CHAOS_PUBLISH`, `CHAOS_SUBSCRIBE`: topics, each `number:name:slot_count:slot_size:burst:pause_ms`, with spaces between
-    * `CHAOS_LOG`: the file to which each accepted message is noted before anything else happens
-    * `CHAOS_SEED`: what the random choices follow from
+    * `CHAOS_PUBLISH`, `CHAOS_SUBSCRIBE`: topics, each
+      `number:name:slot_count:slot_size:burst:pause_ms`, separated by spaces
+    * `CHAOS_LOG`: the file for the record of each accepted message
+    * `CHAOS_SEED`: the seed of the random choices
 
-  It ends with its standard input, and with status 1 when anything fails.
+  It ends with its standard input, and with status 1 after any failure.
   """
 
   import Bitwise
@@ -20,7 +23,7 @@ defmodule BB.Test.ChaosNode do
   @credits 64
   @mask 0xFFFF_FFFF_FFFF_FFFF
 
-  @doc "Plays the part; returns at once."
+  @doc "Starts the node; returns at once."
   def main do
     spawn(fn ->
       Process.flag(:trap_exit, true)
@@ -94,7 +97,7 @@ defmodule BB.Test.ChaosNode do
     end
   end
 
-  # Small ones as likely as large ones; of long messages every other one has all the length there is.
+  # Small messages are as likely as large ones; every other long message has the maximum length.
   defp length_of(slot_size) do
     span = slot_size - 20 - @header + 1
     bits = round(:math.log2(span))
@@ -118,7 +121,7 @@ defmodule BB.Test.ChaosNode do
     [head, <<:erlang.crc32([head, body])::little-32>>, body]
   end
 
-  # The topic has its name, and keeps it, as long as its publisher is open.
+  # The topic keeps its name as long as its publisher is open.
   defp instance(name) do
     {:ok, file} = :file.open("/dev/shm/conduit_#{name}", [:read, :raw, :binary])
     {:ok, <<instance::little-64>>} = :file.pread(file, @instance_at, 8)

@@ -1,5 +1,5 @@
 defmodule BB.Test.Circuits do
-  @moduledoc "The interface of the library that stands behind a bus on a board."
+  @moduledoc "Checks that a module has the interface of a Circuits library."
 
   import ExUnit.Assertions
 
@@ -14,7 +14,7 @@ defmodule BB.Test.Circuits do
     device_present?: [2]
   ]
 
-  @doc "Fails unless a module has the functions that a driver uses of `Circuits.I2C` 2."
+  @doc "Fails unless a module has the functions of `Circuits.I2C` 2 that drivers use."
   def assert_i2c(module) do
     Code.ensure_loaded!(module)
 
@@ -23,7 +23,7 @@ defmodule BB.Test.Circuits do
     end
   end
 
-  @doc "Fails unless wrong arguments raise, those of a transfer with the open `bus` too."
+  @doc "Fails unless invalid arguments raise, also those of a transfer on the open `bus`."
   def assert_i2c_raises(module, name, bus) do
     assert_raise FunctionClauseError, fn -> module.open(:i2c) end
     assert_raise ArgumentError, ~r/timeout/, fn -> module.open(name, timeout: 1.5) end

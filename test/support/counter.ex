@@ -4,7 +4,7 @@ defmodule BB.Test.Counter do
   use BB.Sensor
 
   defmodule Count do
-    @moduledoc "The number that `BB.Test.Counter` has come to."
+    @moduledoc "The payload of a `BB.Test.Counter`: its number."
     defstruct [:n]
     use BB.Message, schema: [n: [type: :non_neg_integer, required: true]]
   end

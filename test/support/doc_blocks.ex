@@ -1,12 +1,12 @@
 defmodule BB.Test.DocBlocks do
   @moduledoc """
-  The fenced blocks of a Markdown document, which a test takes as a reader does: types them, saves
-  them, or reads them.
+  Reads the fenced blocks of a Markdown document, and runs, saves or checks them as a reader
+  would.
 
   The first word behind a fence is the block's language. A further word says where a reader types
   it, or the name of the file:
 
-  | fence | what a reader does | what a test does |
+  | fence | the reader | the test |
   |---|---|---|
   | `elixir` | types it in `iex -S mix`, block after block | `run_elixir/3` |
   | `elixir console` | types it on a robot's console | `run_elixir/3` with the console's robot |
@@ -14,10 +14,10 @@ defmodule BB.Test.DocBlocks do
   | `elixir config` | writes it into `config/` | `check/2`: evaluates it |
   | `elixir lib/rover.ex` | finds it in that file of the project of `bin/new` | `missing/2` |
   | `sh` | types it in a fresh clone, block after block | `run_sh/3` |
-  | `sh board`, `nerves`, `fwup`, `root` | the same, where there is such a thing | `check/2` |
-  | `sh long` | the same, with patience: tests and measurements | `check/2` |
+  | `sh board`, `nerves`, `fwup`, `root` | the same, with that equipment | `check/2` |
+  | `sh long` | the same: tests and measurements | `check/2` |
   | `cpp talker.cpp`, `cmake CMakeLists.txt` | saves it | `save/2`; `run_sh/3` finds it |
-  | `text`, or nothing | reads it: output, signatures, drawings | nothing |
+  | `text`, or no word | reads it: output, signatures, drawings | nothing |
   """
 
   @enforce_keys [:document, :line, :language, :code]
@@ -46,11 +46,11 @@ defmodule BB.Test.DocBlocks do
 
   @seconds 300
 
-  @doc "The blocks of a document, in order; the line is that of the first line of code."
+  @doc "Returns the blocks of a document, in order. The line is that of the first line of code."
   @spec read!(Path.t()) :: [t()]
   def read!(document), do: document |> File.read!() |> parse(document)
 
-  @doc "The blocks of a text."
+  @doc "Returns the blocks of a text."
   @spec parse(String.t(), Path.t()) :: [t()]
   def parse(text, document) do
     text
@@ -85,23 +85,25 @@ defmodule BB.Test.DocBlocks do
   defp finish({_blocks, {_, fence, block, _}}, document),
     do: raise("#{document}:#{block.line - 1}: the fence #{fence} is never closed")
 
-  @doc "The blocks of a language that have exactly these words."
+  @doc "Returns the blocks of a language that have exactly these words."
   @spec select([t()], String.t(), [String.t()]) :: [t()]
   def select(blocks, language, words \\ []),
     do: Enum.filter(blocks, &(&1.language == language and &1.words == words))
 
-  @doc "Where a block stands."
+  @doc "Returns the place of a block: file and line."
   @spec place(t()) :: String.t()
   def place(block), do: "#{block.document}:#{block.line}"
 
   # Running
 
   @doc """
-  Runs Elixir blocks one after the other, as IEx would, each expression after the one before, in a
-  VM of their own: `mix run` in `folder`. Returns the output and the exit status.
+  Runs Elixir blocks one after the other in a VM of their own, as IEx would.
+
+  Each expression is evaluated after the one before, by `mix run` in `folder`. Returns the output
+  and the exit status.
 
   Options: `env:` for the VM; `before:`, code that runs first; `mix:`, further arguments of `mix
-  run`; `seconds:`, after which it is ended (300).
+  run`; `seconds:`, a timeout (300).
   """
   @spec run_elixir([t()], Path.t(), keyword()) :: {String.t(), non_neg_integer()}
   def run_elixir(blocks, folder, opts \\ []) do
@@ -151,8 +153,9 @@ defmodule BB.Test.DocBlocks do
   end
 
   @doc """
-  Runs shell blocks one after the other in one shell, in `folder`; the first command that fails
-  ends it. Returns the output, each command before what it says, and the exit status. Options:
+  Runs shell blocks one after the other in one shell, in `folder`, until a command fails.
+
+  Returns the output, with each command before its own output, and the exit status. Options:
   `env:` and `seconds:` as above.
   """
   @spec run_sh([t()], Path.t(), keyword()) :: {String.t(), non_neg_integer()}
@@ -175,7 +178,7 @@ defmodule BB.Test.DocBlocks do
     :ok
   end
 
-  # What waits for something that does not come fails by time.
+  # A command that waits for an event that does not come fails by timeout.
   defp command(words, folder, opts) do
     bound = ["--kill-after=10", "#{opts[:seconds] || @seconds}"]
     options = [cd: folder, env: opts[:env] || [], stderr_to_stdout: true]
@@ -194,8 +197,10 @@ defmodule BB.Test.DocBlocks do
   end
 
   @doc """
-  The lines of blocks that quote files of a project (`elixir lib/rover.ex`) and do not stand there,
-  in the order of the quotation. What is left out of a quotation is left out.
+  Returns the lines of blocks that quote files of a project (`elixir lib/rover.ex`) and are not in
+  these files.
+
+  The lines must be in the order of the quotation. A quotation may leave lines out.
   """
   @spec missing([t()], Path.t()) :: [String.t()]
   def missing(blocks, project) do
@@ -221,11 +226,12 @@ defmodule BB.Test.DocBlocks do
     end
   end
 
-  # Checking what cannot be run
+  # Checking blocks that cannot be run
 
   @doc """
-  What is wrong with a block as far as that shows without running it, a sentence each. Commands of
-  the project are looked for in `folder`, and asked by `--help` for their options.
+  Returns the errors of a block that show without running it, a sentence each.
+
+  Commands of the project are looked up in `folder`, and their options in the output of `--help`.
   """
   @spec check(t(), Path.t()) :: [String.t()]
   def check(block, folder) do
@@ -296,7 +302,9 @@ defmodule BB.Test.DocBlocks do
     for module <- modules, not Code.ensure_loaded?(module), do: "there is no #{inspect(module)}"
   end
 
-  @doc "The commands of a shell text, each a list of words, without what is set before them."
+  @doc """
+  Returns the commands of a shell text, each a list of words, without variables before them.
+  """
   @spec commands(String.t()) :: [[String.t()]]
   def commands(code) do
     code
@@ -313,7 +321,7 @@ defmodule BB.Test.DocBlocks do
     |> Enum.drop_while(&(&1 =~ ~r/^\w+=/ or &1 in ~w(export until while do done exec)))
   end
 
-  # A command of the project has to be there, and its help to know the options.
+  # A command of the project has to exist, and its help has to list the options.
   defp wrong_command(["ganglion" | arguments], folder),
     do: wrong_command(["bin/ganglion" | arguments], folder)
 
@@ -341,7 +349,7 @@ defmodule BB.Test.DocBlocks do
   defp unknown_to_help(path, command, arguments) do
     {help, status} = help(path, command, arguments)
     asked = for argument <- arguments, plain?(argument), do: hd(String.split(argument, "="))
-    # Of ganglion's words the verb has been asked for its help, and the other is a topic.
+    # For ganglion, the verb selected the help, and the other words are topics.
     asked = if command == "bin/ganglion", do: Enum.filter(asked, &(&1 =~ ~r/^-/)), else: asked
 
     if status == 0,
@@ -349,7 +357,7 @@ defmodule BB.Test.DocBlocks do
       else: ["#{command} --help ends with status #{status}"]
   end
 
-  # A verb of ganglion has a help of its own.
+  # Each verb of ganglion has a help of its own.
   defp help(path, "bin/ganglion", [verb | _]),
     do: System.cmd(path, [verb, "--help"], stderr_to_stdout: true)
 

@@ -1,7 +1,10 @@
 defmodule BB.Test.Eventually do
-  @moduledoc "For what becomes true without telling anyone."
+  @moduledoc "Waits for a condition that sends no message."
 
-  @doc "Looks again and again until `fun` gives something true, which it returns; fails after `timeout_ms`."
+  @doc """
+  Calls `fun` repeatedly until it returns a true value, and returns that value. Fails after
+  `timeout_ms`.
+  """
   def eventually(fun, timeout_ms \\ 60_000),
     do: eventually(fun, timeout_ms, System.monotonic_time(:millisecond))
 

@@ -1,5 +1,8 @@
 defmodule BB.Test.Gaps do
-  @moduledoc "Listens to all `BB.Test.Counter`s of a robot, and tells of each number that is missing or comes twice."
+  @moduledoc """
+  Listens to all `BB.Test.Counter`s of a robot, and reports each number that is missing or
+  repeated.
+  """
 
   use GenServer
 
@@ -8,7 +11,7 @@ defmodule BB.Test.Gaps do
   @doc "Starts to listen."
   def start_link(robot), do: GenServer.start_link(__MODULE__, robot)
 
-  @doc "What was heard: `{%{path => last number}, [{path, expected, got}]}`."
+  @doc "Returns the report: `{%{path => last number}, [{path, expected, got}]}`."
   def report(pid), do: GenServer.call(pid, :report, :infinity)
 
   @impl GenServer

@@ -3,9 +3,9 @@ defmodule BB.Test.KeepingNode do
   A VM of its own in which fifty processes set parameters until it is killed.
 
   It is its own robot, whose store is the file `KEEPING_FILE`. Each process sets a pair of
-  parameters to the same number, ever the next one. It appends every pair that is acknowledged to
-  the file `KEEPING_ACKNOWLEDGED`, at once and past all buffers of the VM. The VM says `ready`
-  when it has been started, and goes to work when it is sent a line.
+  parameters to the same increasing number. It appends every acknowledged pair to the file
+  `KEEPING_ACKNOWLEDGED`, at once and without buffering in the VM. The VM prints `ready` when it
+  has started, and begins when it receives a line.
   """
 
   alias BB.Parameter
@@ -13,7 +13,7 @@ defmodule BB.Test.KeepingNode do
 
   @writers 50
 
-  @doc "Starts a VM. It belongs to the calling process, and sends to it as a port does."
+  @doc "Starts a VM. It belongs to the calling process, and sends messages as a port does."
   def start(store, file, acknowledged) do
     env =
       for {name, value} <- [STORE: store, FILE: file, ACKNOWLEDGED: acknowledged],
@@ -31,7 +31,7 @@ defmodule BB.Test.KeepingNode do
   def kill(port) do
     {:os_pid, pid} = Port.info(port, :os_pid)
 
-    # One that has ended by itself is told by its status.
+    # A VM that has ended by itself reports its status.
     _ = System.cmd("kill", ["-KILL", "#{pid}"], stderr_to_stdout: true)
 
     receive do
@@ -40,7 +40,7 @@ defmodule BB.Test.KeepingNode do
     end
   end
 
-  @doc "What has been acknowledged, the newest number of each pair."
+  @doc "Returns the acknowledged values: the newest number of each pair."
   def acknowledged(file) do
     with {:ok, bytes} <- File.read(file) do
       for <<writer::16, number::48 <- bytes>>, into: %{}, do: {writer, number}
@@ -49,16 +49,16 @@ defmodule BB.Test.KeepingNode do
     end
   end
 
-  @doc "The paths of a pair."
+  @doc "Returns the paths of a pair."
   def pair(writer), do: [[:"left#{writer}"], [:"right#{writer}"]]
 
-  @doc "All who write."
+  @doc "Returns the numbers of all writers."
   def writers, do: 1..@writers
 
   @doc false
   def main do
     {:ok, _} = Application.ensure_all_started(:logger)
-    # What is loaded now takes no time later, when the kills come.
+    # Modules that are loaded now take no time later, during the kills.
     :ok = Application.load(:ganglion)
     {:ok, modules} = :application.get_key(:ganglion, :modules)
     ours = for module <- modules, String.starts_with?(inspect(module), "BB.Parameter"), do: module
@@ -79,7 +79,7 @@ defmodule BB.Test.KeepingNode do
     end
   end
 
-  # It ends with the VM that started it.
+  # The VM ends with the VM that started it.
   defp await_line do
     if IO.read(:stdio, :line) == :eof, do: System.halt(0)
   end

@@ -1,7 +1,7 @@
 defmodule BB.Test.KernelFiles do
-  @moduledoc "Files that a test puts in the place of the kernel's, in a folder that stands for the root."
+  @moduledoc "Replaces files of the kernel in a folder that stands for the root."
 
-  @doc "Puts a file there: whole or not at all, as the kernel's are."
+  @doc "Writes a file atomically, as the kernel's files are read."
   def put(root, file, text) do
     path = Path.join(root, file)
     File.mkdir_p!(Path.dirname(path))

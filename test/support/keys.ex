@@ -1,10 +1,13 @@
 defmodule BB.Test.Keys do
-  @moduledoc "Keys for OTP's ssh, held in memory: `key_cb: {BB.Test.Keys, host: key, user: key, authorized: [public]}`."
+  @moduledoc """
+  Keys for OTP's ssh, in memory: `key_cb: {BB.Test.Keys, host: key, user: key, authorized:
+  [public]}`.
+  """
 
   @behaviour :ssh_server_key_api
   @behaviour :ssh_client_key_api
 
-  @doc "A pair of keys: `{private, public}`, the public one as bytes."
+  @doc "Returns a pair of keys: `{private, public}`, the public one as bytes."
   def pair do
     private = :public_key.generate_key({:namedCurve, :ed25519})
     {private, elem(private, 4)}

@@ -1,7 +1,8 @@
 defmodule BB.Test.Killed do
   @moduledoc """
-  A VM of its own in which the project's application is killed, as a board's shoehorn would see it
-  (`BB.Test.Shoehorn`): what ends with it are the robots of everybody.
+  A VM of its own in which the application is killed, under shoehorn (`BB.Test.Shoehorn`).
+
+  The robots of all other tests would end with it.
   """
 
   import BB.Test.Eventually
@@ -13,7 +14,7 @@ defmodule BB.Test.Killed do
 
   @wait_ms 60_000
 
-  @doc "Starts the VM, and calls `fun` of this module with `args` there."
+  @doc "Starts the VM, and calls `fun` of this module with `args` in it."
   def in_vm(fun, args) do
     paths = Enum.flat_map(:code.get_path(), &[~c"-pa", &1])
     {:ok, vm, _node} = :peer.start_link(%{connection: :standard_io, args: paths})
@@ -23,8 +24,10 @@ defmodule BB.Test.Killed do
   end
 
   @doc """
-  Kills the application's supervisor, again and again. Returns what was seen: for each kill but
-  the last whether the application and its gate ran again, then what the board was asked for.
+  Kills the application's supervisor repeatedly.
+
+  Returns the observations: for each kill but the last whether the application and its gate ran
+  again, then the requests to the board.
   """
   def kill_supervisor(folder, kills) do
     be_quiet()
@@ -68,7 +71,7 @@ defmodule BB.Test.Killed do
       List.keymember?(Application.started_applications(), :ganglion, 0)
   end
 
-  # A robot without topics, whose names are the machine's.
+  # A robot without topics, which the whole machine would share.
   defp robot do
     BB.Test.Robot.create(
       quote do
@@ -81,8 +84,7 @@ defmodule BB.Test.Killed do
     )
   end
 
-  # The output is this VM's connection. What shoehorn hears it hears before any handler of the
-  # logger's.
+  # The output is this VM's connection. Shoehorn gets each event before any handler of the logger.
   defp be_quiet do
     _ = Application.load(:logger)
     Application.put_env(:logger, :backends, [])

@@ -1,7 +1,9 @@
 defmodule BB.Test.Languages do
   @moduledoc """
-  Programs in C++, Python and Rust that exchange messages with each other and with the test, and the messages, which prove themselves:
-  native/languages/README.md.
+  Programs in C++, Python and Rust that exchange verifiable messages with each other and with the
+  test.
+
+  See native/languages/README.md.
   """
 
   import Bitwise
@@ -13,10 +15,10 @@ defmodule BB.Test.Languages do
   @longest_body 61_440
   @header 20
 
-  @doc "The length of a topic's slots that hold the longest message."
+  @doc "Returns the slot size of topics for the longest message."
   def slot_size, do: 20 + @header + @longest_body
 
-  @doc "Builds the programs; raises with what the compilers said when it cannot."
+  @doc "Builds the programs. Raises with the compilers' output if that fails."
   def build! do
     case System.cmd(Path.join(@folder, "build.sh"), [], stderr_to_stdout: true) do
       {_output, 0} -> :ok
@@ -24,12 +26,12 @@ defmodule BB.Test.Languages do
     end
   end
 
-  @doc "The command line of a language's program."
+  @doc "Returns the command line of a language's program."
   def command("cpp"), do: [Path.join(@built, "cpp")]
   def command("rust"), do: [Path.join(@built, "rust")]
   def command("python"), do: [@python, "-B", Path.join(@folder, "peer.py")]
 
-  @doc "Message `n` of a topic."
+  @doc "Returns message `n` of a topic."
   def message(topic, n) do
     length = rem(n * 2_654_435_761 &&& 0xFFFF_FFFF, @longest_body + 1)
     word = <<n * 0x9E37_79B9_7F4A_7C15::little-64>>

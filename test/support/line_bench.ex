@@ -1,6 +1,8 @@
 defmodule BB.Test.LineBench do
   @moduledoc """
-  A driver alone on simulated lines, with a pubsub and a stepped clock of its own. Use it in a `setup`:
+  Runs a driver without a robot on simulated lines, with a pubsub and a stepped clock of its own.
+
+  Use it in a `setup`:
 
       setup do
         BB.Test.LineBench.start([])
@@ -15,7 +17,10 @@ defmodule BB.Test.LineBench do
 
   @path [:base, :subject]
 
-  @doc "A robot's name with a stepped clock and a pubsub, and a chip on that clock: `%{robot: r, chip: name}`."
+  @doc """
+  Starts a stepped clock, a pubsub and a chip on that clock, and returns their names: `%{robot: r,
+  chip: name}`.
+  """
   def start(chip_options) do
     unique = System.unique_integer([:positive])
     robot = Module.concat(__MODULE__, "Robot#{unique}")
@@ -33,17 +38,17 @@ defmodule BB.Test.LineBench do
     start_supervised(Supervisor.child_spec({BB.Sensor.Server, args}, restart: :temporary))
   end
 
-  @doc "The same, and its pid."
+  @doc "Starts the driver and returns its pid."
   def run!(bench, driver, options) do
     {:ok, pid} = run(bench, driver, options)
     pid
   end
 
-  @doc "Lets time pass, in seconds, until all is handled."
+  @doc "Advances the clock by seconds, until all messages are handled."
   def pass(%{robot: robot}, seconds, pid),
     do: Stepped.advance(robot, round(seconds * 1.0e9), settle: [pid])
 
-  @doc "The payloads that were published since the last look."
+  @doc "Returns the payloads that were published since the last call."
   def published do
     receive do
       {:bb, [:sensor | @path], %{payload: payload}} -> [payload | published()]

@@ -1,10 +1,10 @@
 defmodule BB.Test.Linux do
-  @moduledoc "A folder of a test's own in the place of /dev, and what there may be in it."
+  @moduledoc "A temporary folder that replaces /dev, and files for it."
 
   import ExUnit.Assertions
   import ExUnit.Callbacks
 
-  @doc "A setup that has `BB.Bus.Linux` look into the test's folder."
+  @doc "A setup that configures `BB.Bus.Linux` with the test's folder."
   def use_folder(%{tmp_dir: folder}) do
     before = Application.fetch_env(:ganglion, BB.Bus.Linux)
 
@@ -21,7 +21,7 @@ defmodule BB.Test.Linux do
   @doc "Configures `BB.Bus.Linux`."
   def configure(options), do: Application.put_env(:ganglion, BB.Bus.Linux, options)
 
-  @doc "Makes files that are no device of that name: `[{name, kind}]`."
+  @doc "Makes files with such names that are no devices: `[{name, kind}]`."
   def strangers(folder, prefix) do
     {_, 0} = System.cmd("mkfifo", [Path.join(folder, prefix <> "1")])
     File.write!(Path.join(folder, prefix <> "0"), "text")
@@ -50,20 +50,21 @@ defmodule BB.Test.Linux do
   end
 
   @doc """
-  What is answered to somebody who may not open the file: here, or where root runs the tests in a VM
-  of nobody's, to whom the code says the same.
+  Returns the result for a user without rights to open the file.
+
+  If root runs the tests, the result is that of `code` in a VM of the user nobody.
   """
   def without_rights(path, fun, code) do
     File.chmod!(path, 0o000)
     if root?(), do: as_nobody(Path.dirname(path), code), else: fun.()
   end
 
-  @doc "Gives a file to a group, where that is allowed."
+  @doc "Gives a file to a group, if that is allowed."
   def chgrp(path, gid) do
     with :ok <- File.chgrp(path, gid), do: {:ok, gid}
   end
 
-  @doc "Fails if there are more descriptors or threads after it."
+  @doc "Fails if the function leaves descriptors or threads behind."
   def assert_nothing_left(fun) do
     before = held()
     fun.()
@@ -71,7 +72,7 @@ defmodule BB.Test.Linux do
   end
 
   defp held do
-    # The folders' own descriptors come and go with the look.
+    # Listing the folders opens descriptors itself.
     for folder <- ~w(fd task), into: %{} do
       {folder, length(File.ls!("/proc/self/#{folder}"))}
     end
@@ -79,7 +80,7 @@ defmodule BB.Test.Linux do
 
   defp root?, do: match?({"0\n", 0}, System.cmd("id", ["-u"]))
 
-  # A copy of what it needs, since nobody may not look into everybody's folders.
+  # The user nobody may not read all folders, so that the VM gets a copy.
   defp as_nobody(folder, code) do
     copy = Path.join(System.tmp_dir!(), "ganglion_nobody_#{System.unique_integer([:positive])}")
     File.mkdir_p!(Path.join(copy, "dev"))

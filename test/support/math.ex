@@ -1,5 +1,5 @@
 defmodule BB.Test.Math do
-  @moduledoc "Generators of vectors, rotations and motions for `BB.Test.Prop`, and closeness."
+  @moduledoc "Generators of vectors, rotations and motions for `BB.Test.Prop`, and a comparison."
 
   alias BB.Math.{Quaternion, Transform, Transform2D, Vec3}
   alias BB.Test.Prop
@@ -10,7 +10,7 @@ defmodule BB.Test.Math do
     do:
       Prop.map({coordinate(), coordinate(), coordinate()}, fn {x, y, z} -> Vec3.new(x, y, z) end)
 
-  @doc "Any rotation; axis and angle may be zero."
+  @doc "Generates any rotation; axis and angle may be zero."
   def quaternion,
     do:
       Prop.map({vec3(), :proper_types.float(-7.0, 7.0)}, fn {axis, angle} ->
@@ -25,7 +25,10 @@ defmodule BB.Test.Math do
         Transform2D.new(x, y, theta)
       end)
 
-  @doc "Whether two values of one of the types are the same but for rounding, which grows with the values."
+  @doc """
+  Tells whether two values of one of the types are equal but for rounding, which grows with the
+  values.
+  """
   def close?(a, b) when is_number(a), do: abs(a - b) <= 1.0e-9 * (1 + abs(a) + abs(b))
   def close?(%Vec3{} = a, b), do: close_all?(Vec3.to_list(a), Vec3.to_list(b))
   def close?(%Quaternion{} = a, b), do: close?(abs(Quaternion.dot(a, b)), 1.0)

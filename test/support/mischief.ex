@@ -1,18 +1,18 @@
 defmodule BB.Test.Mischief do
   @moduledoc """
-  All that code of others can do wrong, and drivers that do it in one of their callbacks:
+  All failures of foreign code, and drivers that fail in one of their callbacks.
 
       module = Mischief.driver(:explain, :hang)
       Mischief.happened(module)
 
-  What is done is counted outside of every process that it may end.
+  The failures are counted outside of every process that they may end.
   """
 
   @table __MODULE__
 
   @kinds [:raise, :throw, :exit, :wrong, :hang, :kill, :mute, :huge, :linked]
 
-  # Whose end is the component's own, in the process of the component.
+  # Callbacks that run in the process of the component.
   @own [
     :init,
     :handle_continue,
@@ -25,16 +25,16 @@ defmodule BB.Test.Mischief do
 
   @asked [:explain, :rate, :inhibition, :options_schema, :check]
 
-  @doc "Makes the table, once, by a process that outlives all tests."
+  @doc "Makes the table, once, in a process that outlives all tests."
   def setup do
     :ets.new(@table, [:named_table, :public])
     :persistent_term.put({@table, :log}, :logger.get_handler_ids())
   end
 
   @doc """
-  Whether the log still works: Erlang's logger takes a handler away that fails.
+  Tells whether the log still works: Erlang's logger removes a handler that fails.
 
-  While ExUnit captures the log, newer releases of it take the place of the default handler.
+  While ExUnit captures the log, newer releases of ExUnit replace the default handler.
   """
   def log_works? do
     handlers = :logger.get_handler_ids()
@@ -42,16 +42,16 @@ defmodule BB.Test.Mischief do
     missing == [] or (missing == [:default] and ExUnit.CaptureServer in handlers)
   end
 
-  @doc "What can go wrong in any callback."
+  @doc "Returns the kinds of failures."
   def kinds, do: @kinds
 
-  @doc "The callbacks of drivers that `driver/2` can make."
+  @doc "Returns the callbacks of drivers that `driver/2` can make."
   def callbacks, do: @asked ++ @own ++ [:disarm]
 
-  @doc "How often the mischief of a module has happened."
+  @doc "Returns how often a module has failed."
   def happened(module), do: :ets.update_counter(@table, module, 0, {module, 0})
 
-  @doc "Does it, for a module."
+  @doc "Fails, for a module."
   def perform(module, kind) do
     :ets.update_counter(@table, module, 1, {module, 0})
     perform(kind)
@@ -72,8 +72,7 @@ defmodule BB.Test.Mischief do
   end
 
   @doc """
-  A module with one callback that does mischief, and otherwise all that it takes to have it
-  called.
+  Returns a new module with one callback that fails, and all that is necessary to have it called.
   """
   def driver(callback, kind) do
     name = Module.concat(__MODULE__, "#{callback}_#{kind}_#{System.unique_integer([:positive])}")
@@ -82,10 +81,10 @@ defmodule BB.Test.Mischief do
     name
   end
 
-  @doc "The callbacks of encodings that `encoding/2` can make."
+  @doc "Returns the callbacks of encodings that `encoding/2` can make."
   def encoding_callbacks, do: [:content, :payload, :encode, :decode]
 
-  @doc "An encoding with one callback that does mischief; the others are right."
+  @doc "Returns a new encoding with one callback that fails; the others work."
   def encoding(callback, kind) do
     name = Module.concat(__MODULE__, "#{callback}_#{kind}_#{System.unique_integer([:positive])}")
     right = for other <- encoding_callbacks(), other != callback, do: encoding_callback(other)
@@ -141,7 +140,7 @@ defmodule BB.Test.Mischief do
 end
 
 defmodule BB.Test.Mischief.Mute do
-  @moduledoc "An exception whose message is what `how` says, or does."
+  @moduledoc "An exception whose message is the result of `how`."
   defexception [:how]
 
   @impl Exception
@@ -149,7 +148,7 @@ defmodule BB.Test.Mischief.Mute do
 end
 
 defmodule BB.Test.Mischief.Shy do
-  @moduledoc "A struct that is shown as `how` says, or does."
+  @moduledoc "A struct that `how` inspects."
   defstruct [:how]
 end
 

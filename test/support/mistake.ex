@@ -1,9 +1,11 @@
 defmodule BB.Test.Mistake do
-  @moduledoc "Robots whose declaration is wrong."
+  @moduledoc "Compiles robots with an invalid declaration."
 
   import ExUnit.Assertions
 
-  @doc "Compiles a robot with the given lines inside, the first of which is line 3, and returns the error."
+  @doc """
+  Compiles a robot with the given lines, the first of which is line 3, and returns the error.
+  """
   def mistake(lines) do
     name = "Mistaken#{System.unique_integer([:positive])}"
     source = "defmodule #{name} do\n  use BB\n#{lines}\nend"

@@ -1,5 +1,7 @@
 defmodule BB.Test.Motor do
-  @moduledoc "An actuator that answers `:options` with the options of its `init/1`, and fails when it is told to."
+  @moduledoc """
+  An actuator that answers `:options` with the options of its `init/1`, and fails on request.
+  """
 
   use BB.Actuator, options_schema: [rate: [type: :integer, default: 1]]
 

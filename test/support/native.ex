@@ -1,16 +1,16 @@
 defmodule BB.Test.Native do
-  @moduledoc "Native processes and ring topics of tests: names of their own, and a look at the system's processes."
+  @moduledoc "Unique ring topics for tests, and the processes of the operating system."
 
   alias BB.Test.Run
 
-  @doc "A topic name that nobody else uses; its file is removed when the test ends."
+  @doc "Returns an unused topic name; its file is removed when the test ends."
   def topic(label \\ "t") do
     topic = Run.unique(label)
     ExUnit.Callbacks.on_exit(fn -> File.rm("/dev/shm/conduit_#{topic}") end)
     topic
   end
 
-  @doc "The operating system's numbers of the processes that run `program` with `argument` in their command line."
+  @doc "Returns the process numbers of `program` with `argument` in its command line."
   def processes(program, argument) do
     for entry <- File.ls!("/proc"),
         entry =~ ~r/\A\d+\z/,
@@ -20,17 +20,17 @@ defmodule BB.Test.Native do
         do: String.to_integer(entry)
   end
 
-  @doc "The processes that a process has started, and those that they have."
+  @doc "Returns all descendants of a process."
   def descendants(os_pid) do
     for {pid, %{parent: ^os_pid}} <- table(),
         descendant <- [pid | descendants(pid)],
         do: descendant
   end
 
-  @doc "Whether there is such a process, and it is more than an entry that nobody has collected yet."
+  @doc "Tells whether a process runs and is no zombie."
   def running?(os_pid), do: match?(%{^os_pid => %{state: state}} when state != "Z", table())
 
-  @doc "The state of a process as the kernel gives it: R, S, T, …; `nil` when there is none."
+  @doc "Returns the state of a process from the kernel: R, S, T, …; `nil` if it does not exist."
   def state(os_pid) do
     with %{^os_pid => %{state: state}} <- table(), do: state, else: (_ -> nil)
   end
@@ -42,7 +42,7 @@ defmodule BB.Test.Native do
     for entry <- File.ls!("/proc"),
         entry =~ ~r/\A\d+\z/,
         {:ok, stat} <- [File.read("/proc/#{entry}/stat")],
-        # The command's name stands in parentheses and may hold anything.
+        # The name of the command is in parentheses and may contain any character.
         [state, parent | _] <- [stat |> String.split(") ") |> List.last() |> String.split()],
         into: %{},
         do: {String.to_integer(entry), %{state: state, parent: String.to_integer(parent)}}
@@ -51,11 +51,11 @@ defmodule BB.Test.Native do
   @doc "Kills a process as the kernel's out-of-memory killer would."
   def kill_9(os_pid), do: {_, 0} = System.cmd("kill", ["-9", to_string(os_pid)])
 
-  @doc "Kills the process if it still is there; it may end by itself at any moment."
+  @doc "Kills a process that may end by itself at any moment."
   def end_by_force(os_pid),
     do: System.cmd("kill", ["-9", to_string(os_pid)], stderr_to_stdout: true)
 
-  @doc "The folder of real recordings, or nil where it is not beside the project."
+  @doc "Returns the folder of real recordings, or `nil` if it does not exist."
   def shared_data(name) do
     path = Path.expand("../../../shared/data/#{name}", __DIR__)
     if File.exists?(path), do: path

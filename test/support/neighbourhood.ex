@@ -1,7 +1,9 @@
 defmodule BB.Test.Neighbourhood do
   @moduledoc """
-  A robot with a sensor that does wrong (`BB.Test.Mischief`), and all those that must not notice:
-  the sensor beside it, health, the console, the firmware's guard, and who stops the robot.
+  A robot with a failing sensor (`BB.Test.Mischief`), and everything that must not be affected.
+
+  That is the sensor beside it, health, the console, the firmware's guard, and the stop of the
+  robot.
   """
 
   import BB.Test.Eventually
@@ -18,11 +20,11 @@ defmodule BB.Test.Neighbourhood do
   @long_ms 60_000
   @path [:sensor, :base, :neighbour]
 
-  @doc "How long a test waits for what it does not measure."
+  @doc "The timeout of waits that are not measured."
   def long_ms, do: @long_ms
 
   @doc """
-  A robot of a sensor that does what it should, one that can be made safe, and those in question.
+  Returns a robot with a working sensor, a sensor with a `disarm/1`, and the sensors under test.
   """
   def declared(extra) do
     create(
@@ -42,10 +44,10 @@ defmodule BB.Test.Neighbourhood do
     )
   end
 
-  @doc "The declaration of the one in question."
+  @doc "Returns the declaration of a sensor under test."
   def sensor(child), do: quote(do: sensor(:bad, unquote(Macro.escape(child))))
 
-  @doc "The declaration of an outlet, or inlet, with an encoding."
+  @doc "Returns the declaration of an outlet or inlet with an encoding."
   def handoff(:decode, topic, encoding) do
     quote do
       sensor :bad, {BB.Handoff.Inlet, topic: unquote(topic), encoding: unquote(encoding)}
@@ -62,15 +64,14 @@ defmodule BB.Test.Neighbourhood do
     end
   end
 
-  @doc "The declaration of a driver that does wrong in that callback."
+  @doc "Returns the declaration of a driver that fails in that callback."
   def child(:handle_options, module),
     do: quote(do: sensor(:bad, {unquote(module), n: param([:n])}))
 
   def child(_callback, module), do: sensor(module)
 
   @doc """
-  Starts a robot that is nobody's child: it is stopped as by an application, whatever becomes of
-  the test.
+  Starts a robot without a parent: an application's stop is simulated, independent of the test.
   """
   def start(robot) do
     {:ok, root} = robot.start_link()
@@ -83,7 +84,7 @@ defmodule BB.Test.Neighbourhood do
     root
   end
 
-  @doc "The sensor beside the one in question runs as it did, in the same process, and publishes."
+  @doc "Asserts that the sensor beside it runs in the same process, and publishes."
   def goes_on!(robot, neighbour) do
     listen = fn ->
       {:ok, _} = BB.subscribe(robot, @path)
@@ -96,7 +97,7 @@ defmodule BB.Test.Neighbourhood do
     assert %{state: :up, restarts: 0, declared_hz: nil} = health(robot, :neighbour)
   end
 
-  @doc "The console shows all of them."
+  @doc "Asserts that the console shows all of them."
   def console_shows!(robot) do
     for show <- [&Ganglion.Console.sensors/1, &Ganglion.Console.health/1] do
       text = capture_io(fn -> show.(robot) end)
@@ -105,7 +106,7 @@ defmodule BB.Test.Neighbourhood do
     end
   end
 
-  @doc "The guard validates firmware with this robot."
+  @doc "Asserts that the guard validates firmware with this robot."
   def guard_validates!(robot, context) do
     {:ok, memory} = Memory.start_link(status: :unvalidated, tell: self())
     topic = Run.unique("callback")
@@ -130,24 +131,24 @@ defmodule BB.Test.Neighbourhood do
     :ok = stop_supervised(Guard)
   end
 
-  # The component in question may forbid arming, which it does for good.
+  # The sensor under test may forbid arming permanently.
   defp arm(robot) do
     for {path, _reason} <- BB.Safety.inhibitions(robot), do: BB.Safety.allow(robot, path)
     assert BB.Safety.arm(robot) == :ok
   end
 
-  @doc "The armed robot stops, and is disarmed."
+  @doc "Asserts that the armed robot stops, and is disarmed."
   def stops!(robot, root) do
     arm(robot)
     stop = Task.async(fn -> Supervisor.stop(root) end)
     assert Task.await(stop, @long_ms) == :ok
     refute BB.Safety.armed?(robot)
     assert Brake.runs(robot, [:base, :brake]) == 1
-    # One whose own disarm/1 failed may not be safe.
+    # A sensor whose own disarm/1 failed may be unsafe.
     BB.Safety.force_disarm(robot)
   end
 
-  @doc "Nobody notices what the one in question does."
+  @doc "Asserts that the failing sensor affects nothing else."
   def unnoticed!(robot, root, neighbour, context) do
     goes_on!(robot, neighbour)
     console_shows!(robot)
@@ -157,7 +158,7 @@ defmodule BB.Test.Neighbourhood do
     stops!(robot, root)
   end
 
-  @doc "Waits until the mischief of a module has happened."
+  @doc "Waits until a module has failed."
   def happens!(module),
     do: assert(eventually(fn -> Mischief.happened(module) > 0 end, @long_ms))
 end

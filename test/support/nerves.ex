@@ -1,16 +1,16 @@
 defmodule BB.Test.Nerves do
   @moduledoc """
-  Plays what a board's module asks of `Nerves.Runtime`: modules of those names, whose processes
-  behave as Nerves' do where that has cost a boot.
+  Simulates `Nerves.Runtime`: modules of its names, with processes that behave as Nerves' do.
 
-    * `FwupOps` is asked with a time-out of a second (here: 500 ms), and exits only its caller
-    * `KV` asks `FwupOps` at its first use, in its own process, which ends when that is late
+    * `FwupOps` is called with a timeout of a second (here: 500 ms), and its timeout exits only
+      the caller
+    * `KV` calls `FwupOps` at its first use, in its own process, which ends after a timeout
 
-  `start/1` gives how long each run of `fwup` takes, in milliseconds: a list, of which the last
-  counts for all that follow.
+  The argument of `start/1` is the duration of each run of `fwup` in milliseconds: a list, whose
+  last element applies to all further runs.
   """
 
-  @doc "Makes the modules, and starts their processes below the calling test."
+  @doc "Makes the modules, and starts their processes under the calling test."
   def start(runs_ms) do
     for {name, body} <- modules(),
         do: {:module, ^name, _, _} = Module.create(name, body, Macro.Env.location(__ENV__))
@@ -19,7 +19,7 @@ defmodule BB.Test.Nerves do
     {:ok, _} = Supervisor.start_link(children, strategy: :one_for_one, max_restarts: 3)
   end
 
-  @doc "Takes the modules away again."
+  @doc "Removes the modules."
   def stop do
     for {name, _body} <- modules() do
       :code.purge(name)
@@ -80,7 +80,7 @@ defmodule BB.Test.Nerves do
       end
 
       def handle_call(:all, _from, state) do
-        # As Nerves has it: a late answer is an exit, which nothing rescues.
+        # As in Nerves: a timeout is an exit, which nothing rescues.
         if state == nil, do: {:ok, _} = Nerves.Runtime.FwupOps.status()
         {:reply, @contents, :filled}
       end

@@ -1,5 +1,5 @@
 defmodule BB.Test.Network do
-  @moduledoc "A network whose state a test sets: `{BB.Test.Network, pid}` is the source."
+  @moduledoc "A network whose state a test sets. The adapter is `{BB.Test.Network, pid}`."
 
   use Agent
 
@@ -7,7 +7,7 @@ defmodule BB.Test.Network do
 
   def start_link(state), do: Agent.start_link(fn -> {state, []} end)
 
-  @doc "Changes the state, and tells those who subscribed."
+  @doc "Changes the state, and notifies the subscribers."
   def set(network, state) do
     Agent.update(network, fn {_, subscribers} ->
       Enum.each(subscribers, &send(&1, {__MODULE__, network, state}))
@@ -28,7 +28,7 @@ defmodule BB.Test.Network do
   def change(network, {__MODULE__, network, state}), do: {:ok, state}
   def change(_network, _message), do: :error
 
-  # Tells the process that has started the network, as the board in memory tells one.
+  # Notifies the process that has started the network, as the board in memory does.
   @impl BB.Firmware.Network.Adapter
   def name(network, name), do: tell(network, {:name, name})
 

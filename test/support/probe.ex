@@ -1,21 +1,22 @@
 defmodule BB.Test.Probe do
   @moduledoc """
-  A sensor whose callbacks a test writes:
+  A sensor with scripted callbacks.
 
-      Probe.script(robot, :imu, init: fn opts -> {:stop, :absent} end, handle_info: fn message, state -> … end)
+      Probe.script(robot, :imu, init: fn _opts -> {:stop, :absent} end)
 
-  What has no script does what `use BB.Sensor` does; `init` returns `{:ok, opts[:bb]}`. Scripts may change at any time. Functions
-  capture the test's pid, since options of a robot cannot hold it.
+  Callbacks without a script are those of `use BB.Sensor`; `init` returns `{:ok, opts[:bb]}`.
+  Scripts may change at any time. The functions capture the test's pid, because options of a robot
+  cannot contain it.
   """
 
   use BB.Sensor, options_schema: [rate: [type: :pos_integer, default: 100]]
 
   @table __MODULE__
 
-  @doc "Makes the table of scripts, once, by a process that outlives all tests."
+  @doc "Makes the table of scripts, once, in a process that outlives all tests."
   def setup, do: :ets.new(@table, [:named_table, :public, read_concurrency: true])
 
-  @doc "Sets the callbacks of the robot's sensor of that name."
+  @doc "Sets the callbacks of the robot's sensor with that name."
   def script(robot, name, callbacks) do
     for {callback, fun} <- callbacks,
         do: :ets.insert(@table, {{robot, name, callback}, fun})

@@ -1,11 +1,10 @@
 defmodule BB.Test.Project do
   @moduledoc """
-  Projects of somebody's own that depend on Ganglion, outside of this checkout, built and run by
-  their own commands, as their people do it.
+  Projects outside of this checkout that depend on Ganglion, built and run by their own commands.
 
   Cargo's builds of a project are kept in this checkout's `_build`, so that a second run of a test
-  has little to build: that of a project by path is the checkout's own, as it has the same crates at
-  the same place.
+  has little to build. A project by path shares the build of the checkout, because it has the same
+  crates at the same path.
   """
 
   alias BB.Test.Run
@@ -20,11 +19,13 @@ defmodule BB.Test.Project do
   @typedoc "How a project depends on Ganglion."
   @type how :: :path | :git
 
-  @doc "This checkout."
+  @doc "Returns this checkout."
   @spec checkout() :: Path.t()
   def checkout, do: @checkout
 
-  @doc "A folder outside of the checkout that is removed when the test, or its module, ends."
+  @doc """
+  Returns a folder outside of the checkout that is removed when the test, or its module, ends.
+  """
   @spec folder(String.t()) :: Path.t()
   def folder(label) do
     folder = Path.join(System.tmp_dir!(), Run.unique(label))
@@ -33,7 +34,7 @@ defmodule BB.Test.Project do
     folder
   end
 
-  @doc "A project in a folder, which may be empty."
+  @doc "Returns a project in a folder, which may be empty."
   @spec in_folder(Path.t(), how()) :: t()
   def in_folder(folder, how), do: %__MODULE__{folder: folder, cargo: cargo(how)}
 
@@ -52,8 +53,7 @@ defmodule BB.Test.Project do
   end
 
   @doc """
-  A clone of this checkout in a folder, with what is not committed yet committed there: its address
-  for `git:`.
+  Clones this checkout, with uncommitted changes committed, and returns the address for `git:`.
   """
   @spec clone!(Path.t()) :: String.t()
   def clone!(folder) do
@@ -83,7 +83,9 @@ defmodule BB.Test.Project do
     end
   end
 
-  @doc "Runs a command in the project: what it printed, on both outputs, and its exit status."
+  @doc """
+  Runs a command in the project, and returns its output on both streams and its exit status.
+  """
   @spec run(t(), String.t(), [String.t()], [{String.t(), String.t() | nil}]) ::
           {String.t(), non_neg_integer()}
   def run(project, command, args, env \\ []) do
@@ -94,7 +96,7 @@ defmodule BB.Test.Project do
     )
   end
 
-  @doc "The same for a command that is to succeed: what it printed."
+  @doc "Runs a command that has to succeed, and returns its output."
   @spec run!(t(), String.t(), [String.t()], [{String.t(), String.t() | nil}]) :: String.t()
   def run!(project, command, args, env \\ []) do
     case run(project, command, args, env) do
@@ -103,7 +105,7 @@ defmodule BB.Test.Project do
     end
   end
 
-  # That of a person: what Mix and bin/test export to their children is of this test's own build.
+  # A person's environment: without the variables that Mix and bin/test export to their children.
   @exported ~w(MIX_ENV MIX_TARGET MIX_EXS MIX_BUILD_PATH MIX_DEPS_PATH GANGLION_CALLER_DIR)
 
   defp environment(project) do
@@ -112,9 +114,11 @@ defmodule BB.Test.Project do
   end
 
   @doc """
-  The chunks of an application's beams, but those for debuggers, that have one of these texts in
-  them: `{file, chunk, text}`. What compilers note of the machine (`CInf`), and debug information
-  (`Dbgi`), no program reads, and a release strips.
+  Returns the chunks of an application's beam files that contain one of these texts: `{file,
+  chunk, text}`.
+
+  It skips the chunks for debuggers, which no program reads and which a release strips: the
+  compiler's record (`CInf`) and debug information (`Dbgi`).
   """
   @spec baked(Path.t(), [String.t()]) :: [{Path.t(), String.t(), String.t()}]
   def baked(ebin, texts) do

@@ -1,6 +1,6 @@
 defmodule BB.Test.Prop do
   @moduledoc """
-  Properties by PropEr inside ExUnit.
+  Properties with PropEr in ExUnit.
 
       defmodule MyTest do
         use ExUnit.Case, async: true
@@ -11,16 +11,19 @@ defmodule BB.Test.Prop do
         end
       end
 
-  `use` imports `property/2,3`, `forall/2`, the generators below and PropEr's own (`list/1`, `vector/2`, `oneof/1`, `integer/0,2`,
-  `float/0,2`, `boolean/0`, `binary/0`, `tuple/1`, `frequency/1`, …; others by their full name, `:proper_types.resize/2`).
+  `use` imports `property/2,3`, `forall/2`, the generators below and PropEr's own (`list/1`,
+  `vector/2`, `oneof/1`, `integer/0,2`, `float/0,2`, `boolean/0`, `binary/0`, `tuple/1`,
+  `frequency/1`, …; others by their full name, `:proper_types.resize/2`).
 
-  - `property name, numtests: 500 do … end` runs so many cases; 100 when nothing is said.
-    `max_shrinks: 50` looks for a smaller failure so often, 500 times when nothing is said.
-  - `forall pattern <- generator, do: body` holds when the body is true; an exception, a failed `assert` too, is a counterexample.
-    Several generators: `forall {a, b} <- {integer(), atom()}`; foralls nest.
-  - `bind(generator, fn value -> generator end)` makes a generator from another's value, `map(generator, fun)` changes values.
+    * `property name, numtests: 500 do … end` runs that many cases (default 100).
+      `max_shrinks: 50` limits the search for a smaller failure (default 500).
+    * `forall pattern <- generator, do: body` holds if the body is true. An exception, also of
+      `assert`, is a counterexample. Several generators: `forall {a, b} <- {integer(), atom()}`;
+      foralls nest.
+    * `bind(generator, fn value -> generator end)` makes a generator from another's value,
+      `map(generator, fun)` transforms values.
 
-  A property that fails raises `ExUnit.AssertionError` with the smallest counterexample found.
+  A property that fails raises `ExUnit.AssertionError` with the smallest counterexample.
   """
 
   defmacro __using__(_opts) do
@@ -53,7 +56,7 @@ defmodule BB.Test.Prop do
     end
   end
 
-  @doc "A test that holds when its body, a `forall/2`, does."
+  @doc "Defines a test that passes if its body, a `forall/2`, holds."
   defmacro property(name, opts \\ [], do: block) do
     quote do
       test unquote(name) do
@@ -62,7 +65,7 @@ defmodule BB.Test.Prop do
     end
   end
 
-  @doc "The property that `body` is true for each value of the generator."
+  @doc "Returns the property that `body` is true for each value of the generator."
   defmacro forall({:<-, _, [pattern, generator]}, do: body) do
     quote do
       :proper.forall(unquote(generator), fn unquote(pattern) ->
@@ -71,14 +74,14 @@ defmodule BB.Test.Prop do
     end
   end
 
-  @doc "A generator of atoms that exist already, so that a run does not fill the atom table."
+  @doc "Generates atoms that exist already, so that a run does not fill the atom table."
   def atom, do: :proper_types.oneof([:a, :b, :c, :d, nil, true, false, :ok, :error, :some_atom])
 
-  @doc "The generator whose values are `fun` of another's."
+  @doc "Generates the results of `fun` for the values of another generator."
   def map(generator, fun),
     do: :proper_types.bind(generator, &:proper_types.exactly(fun.(&1)), false)
 
-  @doc "The generator that `fun` makes from a value of another."
+  @doc "Generates the values of the generator that `fun` makes from a value of another."
   def bind(generator, fun), do: :proper_types.bind(generator, fun, false)
 
   @doc false
@@ -104,7 +107,8 @@ defmodule BB.Test.Prop do
     end
   end
 
-  # Debian's PropEr asks for a stack trace in a way that OTP has not any more, so nothing may reach it.
+  # Debian's PropEr reads a stack trace in a way that OTP no longer supports, so that no exception
+  # may reach it.
   @doc false
   def outcome(body) do
     body.()

@@ -63,7 +63,8 @@ defmodule BB.Test.Prose do
   end
 
   @doc """
-  Returns `{line, message}` of each error message in an Elixir source that has a forbidden opening.
+  Returns `{line, message}` of each error message in an Elixir source that has a forbidden
+  opening.
 
   A message is the text of a `raise`, of `{:error, "…"}`, and each text in the functions
   `exception/1` and `message/1`. What a message puts in (`\#{…}`) is read as `…`.

@@ -1,6 +1,8 @@
 defmodule BB.Test.Robot do
   @moduledoc """
-  Robots for tests. A robot is a module, so each is made when its test runs, with a name of its own:
+  Robots for tests.
+
+  A robot is a module, so that each test makes its own at run time, with a unique name:
 
       robot = robot do
         topology do
@@ -12,8 +14,8 @@ defmodule BB.Test.Robot do
 
       start_supervised!(robot)
 
-  The declaration is code of the robot's module: it sees no variables of the test, except by `unquote` when it is given to
-  `create/1` in a `quote`.
+  The declaration is code of the robot's module. It sees variables of the test only by `unquote`,
+  in a `quote` that is given to `create/1`.
   """
 
   @doc "Makes a robot module and returns it."
@@ -29,7 +31,9 @@ defmodule BB.Test.Robot do
     robot
   end
 
-  @doc "The pids of all supervisors and keepers of a robot, by their ids from the root on."
+  @doc """
+  Returns the pids of all supervisors and keepers of a robot, by their ids from the root on.
+  """
   def supervisors(robot), do: supervisors(Process.whereis(robot), [robot])
 
   defp supervisors(pid, id) do
@@ -45,7 +49,7 @@ defmodule BB.Test.Robot do
   defp part?({kind, _name}), do: kind in [:link, :joint, :sensor, :actuator, :controller]
   defp part?(_id), do: false
 
-  @doc "The pid of a component's keeper."
+  @doc "Returns the pid of a component's keeper."
   def keeper(robot, name) do
     {_id, pid} =
       robot |> supervisors() |> Enum.find(fn {id, _pid} -> List.last(id) == {:sensor, name} end)
@@ -54,8 +58,9 @@ defmodule BB.Test.Robot do
   end
 
   @doc """
-  Waits until every sensor, actuator and controller of a robot is up, in the tree that stands now:
-  a killed topology leaves components behind for a moment, which still have rows and handlers.
+  Waits until every component of a robot is up in the current tree.
+
+  A killed topology leaves components behind for a moment, which still have rows and handlers.
   """
   def await_all_up(robot) do
     BB.Test.Eventually.eventually(fn ->
@@ -76,12 +81,12 @@ defmodule BB.Test.Robot do
     {_id, topology, _, _} = root |> Supervisor.which_children() |> List.keyfind(:topology, 0)
     topology in dictionary[:"$ancestors"]
   rescue
-    # It has just ended.
+    # The process has just ended.
     _error -> false
   catch
     :exit, _reason -> false
   end
 
-  @doc "How the sensor of that name fares."
+  @doc "Returns the health of the sensor with that name."
   def health(robot, name), do: robot |> BB.Sensor.health() |> Enum.find(&(&1.name == name))
 end

@@ -1,14 +1,16 @@
 defmodule BB.Test.Run do
   @moduledoc """
-  What tells one run of the tests from another on the same machine: names for all that is the machine's, such as ring topics,
-  files in the folder for temporary ones, and nodes.
+  Unique names for one run of the tests: for ring topics, temporary files and nodes.
 
-  `bin/test` gives the run its name in `GANGLION_RUN`, finds by it what the run has left behind, and removes it.
+  `bin/test` sets the name of the run in `GANGLION_RUN`, uses it to find what the run has left
+  behind, and removes that.
   """
 
   @doc """
-  Makes this VM a run, or part of the one that has started it: what it starts bears the run's name, and temporary files go into a
-  folder that is removed after the tests.
+  Makes this VM a run, or a part of the run that has started it.
+
+  The run's name is in the environment of its children, and temporary files go into a folder that
+  is removed after the tests.
   """
   def begin do
     folder = Path.join(System.tmp_dir!(), unique("tmp"))
@@ -18,10 +20,10 @@ defmodule BB.Test.Run do
     ExUnit.after_suite(fn _result -> File.rm_rf!(folder) end)
   end
 
-  @doc "The run's name."
+  @doc "Returns the run's name."
   def name, do: System.get_env("GANGLION_RUN") || "run#{System.pid()}"
 
-  @doc "A name that no other test has, in this run or another: good for a topic, a file or a node."
+  @doc "Returns a name that no other test has, in any run, for a topic, a file or a node."
   def unique(label \\ "t"),
     do: "#{name()}.#{System.pid()}.#{System.unique_integer([:positive])}.#{label}"
 end

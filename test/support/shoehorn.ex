@@ -1,14 +1,16 @@
 defmodule BB.Test.Shoehorn do
   @moduledoc """
-  Plays shoehorn on the host: a filter of the logger's hears which applications start and end, as
-  shoehorn's own does, and a process tells a handler of it.
+  Simulates shoehorn on the host.
+
+  As in shoehorn, a filter of the logger receives the starts and ends of applications, and a
+  process calls the handler.
 
       handler = BB.Test.Shoehorn.start(BB.Firmware.Applications, state, [:my_app])
   """
 
   use GenServer
 
-  @doc "Tells `module` of those applications, with a handler's state, until its caller ends."
+  @doc "Reports these applications to `module`, with a handler's state, until its caller ends."
   def start(module, state, apps) do
     {:ok, pid} = GenServer.start_link(__MODULE__, {module, state, apps})
     pid

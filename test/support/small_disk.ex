@@ -1,14 +1,14 @@
 defmodule BB.Test.SmallDisk do
   @moduledoc """
-  A file system of a few KiB for one test, in memory, which can be full or read-only.
+  A file system of a few KiB in memory for one test, which can be full or read-only.
 
-  Only root may mount one. Elsewhere `mount/1` says so and returns `:error`, and the test has to
-  do without.
+  Only root may mount one. For other users `mount/1` prints a message and returns `:error`, and
+  the test has to work without it.
   """
 
   import ExUnit.Callbacks, only: [on_exit: 1]
 
-  @doc "Mounts a file system, until the test is over: `{:ok, folder}`."
+  @doc "Mounts a file system until the end of the test: `{:ok, folder}`."
   def mount(kibibytes) do
     folder = Path.join(System.tmp_dir!(), "small_disk_#{System.os_time()}_#{:rand.uniform(9999)}")
     File.mkdir_p!(folder)
@@ -25,16 +25,16 @@ defmodule BB.Test.SmallDisk do
     end
   end
 
-  @doc "Fills what room there is."
+  @doc "Fills the free space."
   def fill(folder) do
     {:error, :enospc} = File.write(Path.join(folder, "filler"), :binary.copy("x", 16_777_216))
     :ok
   end
 
-  @doc "Makes room again."
+  @doc "Frees space again."
   def free(folder), do: File.rm!(Path.join(folder, "filler"))
 
-  @doc "Makes it read-only (`\"ro\"`), or not (`\"rw\"`)."
+  @doc "Makes it read-only (`\"ro\"`) or writable (`\"rw\"`)."
   def remount(folder, how) do
     {_, 0} = run("mount", ["-o", "remount,#{how}", folder])
     :ok

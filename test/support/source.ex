@@ -1,22 +1,25 @@
 defmodule BB.Test.Source do
   @moduledoc """
-  What an Elixir source file defines and names.
+  Reads which modules an Elixir source file defines and names.
 
-  The source is read, not the compiled module: a module names what stands in its source. Its BEAM file has lost aliases, types
-  and the structs of patterns, and has gained what the macros of others put in, so that every driver would seem to name
-  what is behind `use BB.Sensor`.
+  It reads the source, not the compiled module. The BEAM file has lost aliases, types and the
+  structs of patterns. It also has the code of macros, so that every driver would name the modules
+  behind `use BB.Sensor`.
 
-  Names that are made while the program runs, such as `Module.concat(robot, PubSub)`, are not seen; nor is text, documentation
-  for one.
+  It does not see names that are made at run time, such as `Module.concat(robot, PubSub)`, nor
+  names in text and documentation.
+
+      BB.Test.Source.read!("lib/bb/loop.ex").modules
+      #=> [BB.Loop]
   """
 
   @enforce_keys [:file]
   defstruct [:file, modules: [], names: [], doctests: [], calls: []]
 
   @typedoc """
-  `modules` are those that it defines, `names` all in it that are names of modules, with their lines and aliases written out,
-  `doctests` the modules given to `doctest`, with its options, `calls` the functions that it calls
-  without saying of which module: `module.explain/1`, `fun.()`, `apply`. All in the order of the
+  `modules` are the defined modules and `names` the named ones, with lines and expanded aliases.
+  `doctests` are the modules given to `doctest`, with its options. `calls` are the calls of a
+  module that is a value (`module.explain/1`, `fun.()`, `apply`). All are in the order of the
   source.
   """
   @type t :: %__MODULE__{
@@ -27,15 +30,16 @@ defmodule BB.Test.Source do
           calls: [{call(), line :: pos_integer()}]
         }
 
-  @typedoc "What is called: a function's name, `:fun` for a function that is a value, `:apply`."
+  @typedoc "The called function: its name, `:fun` for a function that is a value, or `:apply`."
   @type call :: {atom(), text :: String.t()}
 
-  # Where Ganglion's own modules stand. What else is in lib/ is somebody's own robot.
+  # Ganglion's own modules. Other files in lib/ belong to somebody's robot.
   @own ["lib/bb.ex", "lib/{bb,ganglion,mix}/**/*.ex"]
 
   @doc """
-  The files of Ganglion's own modules in a checkout, sorted. A fork may have others in `lib/`, which
-  are its own affair.
+  Returns the files of Ganglion's own modules in a checkout, sorted.
+
+  A fork may have other files in `lib/`.
   """
   @spec own(Path.t()) :: [Path.t()]
   def own(root \\ ".") do
@@ -64,12 +68,12 @@ defmodule BB.Test.Source do
     }
   end
 
-  # Functions that take a module, a function's name and arguments, and call it, here or elsewhere.
+  # Functions that call a function by module, name and arguments.
   @appliers [:apply, :spawn, :spawn_link, :spawn_monitor]
   @tasks [:async, :start, :start_link]
   @libraries [:erlang, {:__aliases__, :any, [:Kernel]}, {:__aliases__, :any, [:Task]}]
 
-  # Those without arguments that are no fields of a map.
+  # Functions without arguments that could look like fields of a map.
   @unarmed [:inhibition, :options_schema, :param_schema, :content]
 
   defp calls(ast) do
@@ -110,7 +114,7 @@ defmodule BB.Test.Source do
   defp unnamed(module, _name, _call, _meta) when is_atom(module), do: []
   defp unnamed(_target, name, call, meta), do: [{{name, Macro.to_string(call)}, meta[:line]}]
 
-  # A node that has been read in full becomes nil, lest its parts be read again.
+  # A node that has been read completely becomes nil, so that its parts are not read again.
 
   defp enter({:defmodule, meta, [{:__aliases__, _, parts}, body]}, found) do
     module = Module.concat(List.wrap(List.first(found.outer)) ++ parts)
@@ -137,7 +141,7 @@ defmodule BB.Test.Source do
     end
   end
 
-  # An alias holds to the end of its block.
+  # An alias is valid until the end of its block.
   defp enter({:do, _} = node, found),
     do: {node, %{found | aliases: [hd(found.aliases) | found.aliases]}}
 
@@ -161,7 +165,7 @@ defmodule BB.Test.Source do
   defp leave({:do, _} = node, found), do: {node, %{found | aliases: tl(found.aliases)}}
   defp leave(node, found), do: {node, found}
 
-  # The modules that an expression names: one, several (`A.{B, C}`), or none that can be read.
+  # The modules of an expression: one, several (`A.{B, C}`), or none that can be read.
   defp targets({:__aliases__, _, parts}, found), do: List.wrap(expand(parts, found))
 
   defp targets({{:., _, [{:__aliases__, _, parts}, :{}]}, _, members}, found) do
@@ -177,7 +181,7 @@ defmodule BB.Test.Source do
 
   defp expand(_computed, _found), do: nil
 
-  # As far as it is written: `Parser.unquote(name)` names Parser.
+  # As far as it is a literal: `Parser.unquote(name)` names Parser.
   defp concat(parts), do: parts |> Enum.take_while(&is_atom/1) |> Module.concat()
 
   defp name(found, modules, meta) do

@@ -1,12 +1,12 @@
 defmodule BB.Test.Standstill do
-  @moduledoc "Measures how long the whole VM stood still, on a machine that is busy with something else."
+  @moduledoc "Measures standstills of the whole VM on a busy machine."
 
   @period_ms 5
 
   @doc "Starts to measure."
   def start_link, do: {:ok, spawn_link(fn -> watch(now_ms(), 0) end)}
 
-  @doc "The longest standstill since the last call, in milliseconds."
+  @doc "Returns the longest standstill since the last call, in milliseconds."
   def take(pid) do
     send(pid, {:take, self()})
 

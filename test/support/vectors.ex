@@ -1,9 +1,12 @@
 defmodule BB.Test.Vectors do
-  @moduledoc "The dumps of docs/wire-format.md, which the tests of every language read."
+  @moduledoc "Reads the dumps of docs/wire-format.md, as the tests of every language do."
 
   @page Path.expand("../../docs/wire-format.md", __DIR__)
 
-  @doc "The bytes of the dump with this name. `00*4` is four times a byte; from # to the end of a line is comment."
+  @doc """
+  Returns the bytes of the dump with this name. `00*4` is a byte repeated four times; # begins a
+  comment.
+  """
   def read!(name) do
     [_, dump] = Regex.run(~r/^```hex #{name}\n(.*?)^```/ms, File.read!(@page))
 

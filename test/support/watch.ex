@@ -1,5 +1,5 @@
 defmodule BB.Test.Watch do
-  @moduledoc "How a test starts a robot and watches its sensors."
+  @moduledoc "Starts robots in tests and receives the states of their sensors."
 
   import BB.Test.Eventually
   import BB.Test.Robot
@@ -8,7 +8,7 @@ defmodule BB.Test.Watch do
 
   alias BB.Test.{Counter, Probe}
 
-  @doc "A robot with a scripted sensor `:imu` between two that count."
+  @doc "Makes a robot with a scripted sensor `:imu` between two counters."
   def one_of_three do
     robot do
       sensors do
@@ -27,24 +27,27 @@ defmodule BB.Test.Watch do
   @doc "Sets callbacks of the sensor `:imu`."
   def imu(robot, callbacks), do: Probe.script(robot, :imu, callbacks)
 
-  @doc "The process of a sensor."
+  @doc "Returns the process of a sensor."
   def pid(robot, name), do: BB.Process.whereis(robot, name)
 
-  @doc "Starts a robot and subscribes to its sensors' states. With `replay: true` the last ones before that are received too."
+  @doc """
+  Starts a robot and subscribes to its sensors' states. `replay: true` also delivers the last
+  states before that.
+  """
   def start_watched(robot, opts \\ []) do
     start_supervised!(robot)
     {:ok, _} = BB.subscribe(robot, [:sensor_status], opts)
     robot
   end
 
-  @doc "Starts a robot likewise, and waits until a sensor is up."
+  @doc "Starts a robot in the same way, and waits until a sensor is up."
   def start_up(robot, name \\ :imu) do
     start_watched(robot)
     assert eventually(fn -> health(robot, name).state == :up end)
     robot
   end
 
-  @doc "Receives a state of a sensor that matches."
+  @doc "Receives a matching state of a sensor."
   defmacro assert_status(robot, name, status) do
     quote do
       assert_receive {:bb, [:sensor_status | _],
@@ -56,7 +59,7 @@ defmodule BB.Test.Watch do
     end
   end
 
-  @doc "The description of a sensor's alarm, `nil` when there is none."
+  @doc "Returns the description of a sensor's alarm, or `nil` without one."
   def alarm(robot, path) do
     case List.keyfind(:alarm_handler.get_alarms(), {BB.Sensor, robot, path}, 0) do
       nil -> nil

@@ -1,7 +1,10 @@
 defmodule BB.Test.Chaos.Core do
   @moduledoc """
-  `bin/chaos core`: kills any process and supervisor of two armed robots and of the application that they run in, while they are
-  vouched for, parameters are set and traffic is recorded; and looks whether every promise was kept.
+  The harness of `bin/chaos core`: kills any process and supervisor of two armed robots and of
+  their application.
+
+  Meanwhile parameters are set, traffic is recorded and processes vouch. It checks every
+  guarantee.
   """
 
   alias BB.Test.Chaos.Core.{Robots, Traffic, Tree, Tuner, Verdict, Watch, Watchdog}
@@ -14,14 +17,14 @@ defmodule BB.Test.Chaos.Core do
   @look_ms 5
   @longest_pause_ms 60
   @told_every 100
-  # A native program's end takes its grace, and one in whose place it stands may find its topic taken.
+  # A native program has a grace period, and its successor may find the topic taken.
   @late_ns 2_000_000_000
-  # The harness restarts its own children however often they are killed.
+  # The harness restarts its own children without limit.
   @restarts [max_restarts: 1_000_000, max_seconds: 1]
   @own BB.Test.Chaos.Core.Supervisor
   @roots [Ganglion.Supervisor, BB.Safety.Supervisor, @own]
 
-  @doc "Runs it with the arguments of the command line and ends the VM with its exit status."
+  @doc "Runs it with the arguments of the command line and halts the VM with its exit status."
   def main(argv) do
     case OptionParser.parse(argv, strict: @switches) do
       {opts, [], []} ->
@@ -46,7 +49,7 @@ defmodule BB.Test.Chaos.Core do
   end
 
   defp run(opts) do
-    # The kills are meant, and so is what is logged about them.
+    # The kills are intended, and so are the log lines about them.
     Logger.configure(level: :none)
     Process.flag(:trap_exit, true)
     count = opts[:kills] || @kills
@@ -64,7 +67,7 @@ defmodule BB.Test.Chaos.Core do
     after
       end_robots()
       File.rm_rf!(folder)
-      # A publisher that was killed has left its topic for a successor.
+      # A killed publisher has left its topic to a successor.
       topics = "/dev/shm/conduit_#{BB.Test.Run.name()}.#{System.pid()}.*"
       for topic <- Path.wildcard(topics), do: File.rm(topic)
     end
@@ -130,7 +133,7 @@ defmodule BB.Test.Chaos.Core do
     run |> strike(count - run.kills) |> progress() |> storm(count)
   end
 
-  # Some at once with others: the second is killed in the midst of what the first one's death has set off.
+  # Several at once: the second is killed during the effects of the first death.
   defp strike(run, most) do
     tree = Tree.snapshot(@roots)
     victims = tree |> victims() |> Enum.take_random(min(Enum.random([1, 1, 1, 2, 3]), most))
@@ -141,7 +144,7 @@ defmodule BB.Test.Chaos.Core do
     {later, missing} = settle(run.baseline)
     helpless = if missing == [], do: await_armed(), else: []
 
-    # What has ended may be noticed after the next kill.
+    # An end may be detected after the next kill.
     before = for {at_ns, places} <- run.before, struck_ns - at_ns < @late_ns, do: {at_ns, places}
     allowed = before |> Enum.take(1) |> Enum.reduce(expected, &MapSet.union(elem(&1, 1), &2))
     ended = Enum.reduce(before, expected, &MapSet.union(elem(&1, 1), &2))
@@ -164,7 +167,7 @@ defmodule BB.Test.Chaos.Core do
     if missing == [] and helpless == [], do: run, else: start_anew(run)
   end
 
-  # What did not come back is told once.
+  # A process that did not return is reported once.
   defp start_anew(run) do
     _ = stop_all()
     start_robots()
@@ -178,7 +181,7 @@ defmodule BB.Test.Chaos.Core do
     Map.put(run, :told, kills)
   end
 
-  # Every process but the harness's own, and the programs that native processes run.
+  # Every process but those of the harness, and the programs of native processes.
   defp victims(tree) do
     processes = for {place, _node} <- tree, place != [@own], do: place
 
@@ -206,7 +209,7 @@ defmodule BB.Test.Chaos.Core do
 
   # Waiting
 
-  # Everything that was there at first is there again; an application that has ended is started by whoever needs it.
+  # Every process of the start runs again; the harness starts an application that has ended.
   defp settle(baseline) do
     case await(fn -> complete(Map.keys(baseline)) end) do
       {:missing, tree, places} -> {tree, places}
@@ -234,7 +237,7 @@ defmodule BB.Test.Chaos.Core do
     await(fun, until_ms)
   end
 
-  # Those that cannot be armed.
+  # The robots that cannot be armed.
   defp await_armed do
     for robot <- Robots.all(), {:missing, _} = helpless <- [await(fn -> armed(robot) end)] do
       helpless
@@ -271,7 +274,7 @@ defmodule BB.Test.Chaos.Core do
     })
   end
 
-  # From disk, by robots that have not seen the values before.
+  # The values are read from disk, by robots that have not seen them before.
   defp reread(values) do
     end_robots()
     start_application()
@@ -314,7 +317,7 @@ defmodule BB.Test.Chaos.Core do
     if Enum.all?(Map.delete(result, :kills), fn {_, n} -> n == 0 end), do: 0, else: 1
   end
 
-  # Of each strike, without what stands below another that is told.
+  # The innocent restarts of each strike, without those below another one.
   defp topmost(innocent) do
     for {{kills, victims}, told} <-
           Enum.group_by(innocent, fn {kills, victims, _} -> {kills, victims} end),

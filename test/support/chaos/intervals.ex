@@ -1,16 +1,20 @@
 defmodule BB.Test.Chaos.Intervals do
   @moduledoc """
-  Listens to all sensors of a robot and notes the longest intervals between two messages of one; and when the VM itself stood still, or one of its schedulers.
+  Records the longest intervals between two messages of each sensor, and the standstills of the VM
+  or of a scheduler.
   """
 
   use GenServer
 
   alias BB.Test.Chaos.Standstills
 
-  @doc "Starts to listen. `worth_ns` has for each sensor from what length on an interval is noted."
+  @doc "Starts to record. `worth_ns` is the minimum length of an interval of each sensor."
   def start_link(robot, worth_ns), do: GenServer.start_link(__MODULE__, {robot, worth_ns})
 
-  @doc "What was noted: `%{sensor => [{from_ns, to_ns}]}`, and the standstills as `[{from_ns, to_ns}]`."
+  @doc """
+  Returns the records: `%{sensor => [{from_ns, to_ns}]}`, and the standstills as `[{from_ns,
+  to_ns}]`.
+  """
   def report(pid), do: GenServer.call(pid, :report, :infinity)
 
   @impl GenServer

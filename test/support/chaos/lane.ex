@@ -1,6 +1,9 @@
 defmodule BB.Test.Chaos.Lane do
   @moduledoc """
-  Carries out the strikes of one lane: begins a fault, waits until health shows it, ends it, waits until all that it concerned is up and publishes.
+  Carries out the strikes of one lane.
+
+  It begins a fault, waits until health shows it, ends it, and waits until all affected sensors
+  are up and publish.
   """
 
   alias BB.Test.Chaos.Wires
@@ -8,7 +11,10 @@ defmodule BB.Test.Chaos.Lane do
   @look_ms 5
   @patience_ns 5_000_000_000
 
-  @typedoc "What became of a strike; times in nanoseconds, `shown_ns` and `up_ns` `nil` for what never came."
+  @typedoc """
+  The result of a strike. Times are nanoseconds; `shown_ns` and `up_ns` are `nil` if that never
+  happened.
+  """
   @type outcome :: %{
           strike: map(),
           began_ns: integer(),
@@ -18,7 +24,7 @@ defmodule BB.Test.Chaos.Lane do
           heard_ns: integer()
         }
 
-  @doc "The records of the strikes, in their order."
+  @doc "Returns the records of the strikes, in their order."
   @spec run(module(), [map()], (outcome() -> term())) :: [outcome()]
   def run(robot, strikes, tell) do
     for strike <- strikes do
@@ -55,7 +61,7 @@ defmodule BB.Test.Chaos.Lane do
   defp rows(robot, strike),
     do: for(row <- BB.Sensor.health(robot), row.name in strike.sensors, do: row)
 
-  # Up, and with a message from after that.
+  # The sensor is up and has published since.
   defp heard_since?(row, ns),
     do: row.state == :up and row.age_ns != nil and now_ns() - row.age_ns > max(row.since, ns)
 

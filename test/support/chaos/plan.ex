@@ -1,8 +1,9 @@
 defmodule BB.Test.Chaos.Plan do
   @moduledoc """
-  Which fault strikes which sensor of `Ganglion.Robots.All`, and for how long: the same for the same seed. Pure.
+  Plans which fault strikes which sensor of `Ganglion.Robots.All`, and for how long. Pure.
 
-  What shares wires shares a lane, in which one fault comes after the other; lanes go on at once. An I2C bus is a lane, and so is each device on
+  The same seed gives the same plan. Sensors with common wires share a lane, in which faults
+  follow one another; lanes run concurrently. An I2C bus is a lane, and so is each device on
   lines.
 
       iex> alias BB.Test.Chaos.Plan
@@ -18,7 +19,10 @@ defmodule BB.Test.Chaos.Plan do
 
   alias Ganglion.Robots.All.World
 
-  @typedoc "`sensors` are those that it concerns; `hold_ms` is how long it lasts from when it shows, `rest_ms` how long the lane rests after it."
+  @typedoc """
+  `sensors` are the affected ones. `hold_ms` is the duration after it shows in health, `rest_ms`
+  the pause of the lane after it.
+  """
   @type strike :: %{
           place: World.place(),
           fault: term(),
@@ -32,7 +36,7 @@ defmodule BB.Test.Chaos.Plan do
   @longest_hold_ms 400
   @longest_rest_ms 200
 
-  @doc "The strikes of each lane, in their order: `count` in all."
+  @doc "Returns the strikes of each lane, in their order: `count` in all."
   @spec new(%{atom() => World.place()}, pos_integer(), integer()) :: %{lane() => [strike()]}
   def new(places, count, seed) do
     _ = :rand.seed(:exsss, seed)
@@ -43,7 +47,7 @@ defmodule BB.Test.Chaos.Plan do
     |> Enum.group_by(&lane(&1.place))
   end
 
-  @doc "The lane of a place."
+  @doc "Returns the lane of a place."
   @spec lane(World.place()) :: lane()
   def lane({:i2c, bus, _address}), do: {:i2c, bus}
   def lane(lines), do: lines
@@ -67,7 +71,7 @@ defmodule BB.Test.Chaos.Plan do
 
   defp concerned(_fault, sensor, _places), do: [sensor]
 
-  # What each can be struck by and could notice: a contact that is open does not differ from one whose wire is cut.
+  # The faults that each device can detect: an open contact equals a cut wire.
   defp faults({:i2c, _bus, _address}, _sensor),
     do: [:unplug, :nak, :timeout, :retry, :slow, :bit_errors, :stuck]
 

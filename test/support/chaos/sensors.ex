@@ -1,6 +1,7 @@
 defmodule BB.Test.Chaos.Sensors do
   @moduledoc """
-  `bin/chaos sensors`: breaks the wires of `Ganglion.Robots.All` at random, and looks whether every promise was kept.
+  The harness of `bin/chaos sensors`: breaks the wires of `Ganglion.Robots.All` at random, and
+  checks every guarantee.
   """
 
   alias BB.Test.Chaos.{Intervals, Lane, Plan, Verdict}
@@ -11,7 +12,7 @@ defmodule BB.Test.Chaos.Sensors do
   @faults 100
   @shown 10
 
-  @doc "Runs it with the arguments of the command line and ends the VM with its exit status."
+  @doc "Runs it with the arguments of the command line and halts the VM with its exit status."
   def main(argv) do
     case OptionParser.parse(argv, strict: @switches) do
       {opts, [], []} -> opts |> run() |> System.halt()
@@ -31,7 +32,7 @@ defmodule BB.Test.Chaos.Sensors do
   end
 
   defp run(opts) do
-    # The faults are meant, and so is what sensors log about them.
+    # The faults are intended, and so are the sensors' log lines about them.
     Logger.configure(level: :critical)
     {:ok, _} = Application.ensure_all_started(:ganglion)
     Process.flag(:trap_exit, true)
@@ -77,7 +78,7 @@ defmodule BB.Test.Chaos.Sensors do
     |> List.flatten()
   end
 
-  # The supervisors and keepers that are not those of before.
+  # The supervisors and keepers that have restarted.
   defp restarted(before) do
     if Process.whereis(All), do: length(before -- BB.Test.Robot.supervisors(All)), else: 1
   end

@@ -1,6 +1,7 @@
 defmodule BB.Test.Chaos.Soak do
   @moduledoc """
-  `bin/chaos soak`: runs the demonstration and the host's release for a while, and looks whether what they hold stays what it is.
+  The harness of `bin/chaos soak`: runs the demonstration and the host's release for a while, and
+  checks that their resources do not grow.
   """
 
   alias BB.Test.Chaos.Soak.{Subject, Trend}
@@ -10,12 +11,12 @@ defmodule BB.Test.Chaos.Soak do
   @switches [seconds: :integer, json: :boolean]
   @seconds 600
   @least_seconds 30
-  # What is loaded, opened and learnt at first is no trend.
+  # The warm-up: loading, opening and caching at the start is no trend.
   @warm_up 0.2
   @start_s 300
   @told_every_s 60
 
-  # What a figure may gain: so much, or that share of it. Allocators and garbage take their time to come to rest.
+  # The allowed growth, absolute or relative. Allocators and garbage need some time to settle.
   @allowed %{
     "memory" => {2_000_000, 0.02},
     "ets_memory" => {262_144, 0.02},
@@ -31,7 +32,7 @@ defmodule BB.Test.Chaos.Soak do
     "shm" => {0.5, 0.0}
   }
 
-  @doc "Runs it with the arguments of the command line and ends the VM with its exit status."
+  @doc "Runs it with the arguments of the command line and halts the VM with its exit status."
   def main(argv) do
     case OptionParser.parse(argv, strict: @switches) do
       {opts, [], []} -> opts |> Keyword.put_new(:seconds, @seconds) |> check() |> System.halt()
@@ -91,7 +92,7 @@ defmodule BB.Test.Chaos.Soak do
     ]
   end
 
-  # Until the robot's native programs run, and with them all that is below them.
+  # Waits until the robot's native programs run, and with them all processes below them.
   defp await_start(subject, left_s \\ @start_s) do
     cond do
       match?(%{"native_processes" => n} when n >= 4, Subject.figures(subject)) ->

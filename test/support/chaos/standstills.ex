@@ -1,7 +1,9 @@
 defmodule BB.Test.Chaos.Standstills do
   @moduledoc """
-  Notes when the VM stood still, or one of its schedulers. The kernel may take one scheduler's thread away while the others run
-  on, with all the processes that wait for it.
+  Records the times in which the VM, or one of its schedulers, stood still.
+
+  The kernel may preempt one scheduler's thread while the others run, with all processes that wait
+  for that scheduler.
   """
 
   @tick_ms 5
@@ -15,7 +17,7 @@ defmodule BB.Test.Chaos.Standstills do
     end
   end
 
-  @doc "What the watchers have noted so far: `[{from_ns, to_ns}]`."
+  @doc "Returns the records so far: `[{from_ns, to_ns}]`."
   @spec report([pid()]) :: [{integer(), integer()}]
   def report(watchers) do
     Enum.flat_map(watchers, fn watcher ->

@@ -1,26 +1,31 @@
 defmodule BB.Test.Chaos.Verdict do
   @moduledoc """
-  Whether the promises were kept, from what the lanes and the listener have noted. Pure; times in nanoseconds.
+  Decides whether the guarantees were kept, from the records of the lanes and the listener. Pure;
+  times in nanoseconds.
 
-  Time in which the whole VM stood still is no sensor's: it is taken off.
+  Time in which the whole VM stood still is subtracted.
   """
 
   alias BB.Test.Chaos.{Plan, Wires}
 
   @recovery_ns 1_000_000_000
-  # What a busy machine may take beside the standstills that were noticed.
+  # The delay of a busy machine in addition to the recorded standstills.
   @slack_ns 15_000_000
   @ns_per_ms 1_000_000
-  # Of one reading, where they are more than one: the TF-Luna is read until it shows the same twice.
+  # The transfers of one reading, if it has several: the TF-Luna is read until two results are
+  # equal.
   @transfers %{lidar: 2}
 
-  @doc "From what length on an interval of a sensor is worth noting: two periods, since a reading that comes late may miss the deadline after its own."
+  @doc """
+  Returns the minimum length of a recorded interval of a sensor: two periods, because a late
+  reading may miss its next deadline.
+  """
   def worth_ns(row), do: round(2.0e9 / row.declared_hz) + @slack_ns
 
-  @doc "The strikes that nobody saw in health."
+  @doc "Returns the strikes that health never showed."
   def hidden(records), do: Enum.filter(records, &(&1.shown_ns == nil))
 
-  @doc "The strikes after whose end a sensor was not up within a second."
+  @doc "Returns the strikes after which a sensor was not up within a second."
   def not_recovered(records, standstills) do
     Enum.filter(records, fn record ->
       record.up_ns == nil or
@@ -29,7 +34,10 @@ defmodule BB.Test.Chaos.Verdict do
     end)
   end
 
-  @doc "The intervals of sensors that no fault concerned and that were longer than their periods and the transfers of others explain."
+  @doc """
+  Returns the intervals of unaffected sensors that are longer than their periods and the transfers
+  of others explain.
+  """
   def gaps(intervals, records, standstills, places, rows) do
     worth_ns = Map.new(rows, &{&1.name, worth_ns(&1)})
 
@@ -48,7 +56,7 @@ defmodule BB.Test.Chaos.Verdict do
     end)
   end
 
-  # For each transfer of its own, one of each device on the same wires that was failing in the meantime.
+  # For each transfer of its own, one of each failing device on the same wires in that time.
   defp shared_ns(_sensor, nil, _from, _to, _records), do: 0
 
   defp shared_ns(sensor, place, from, to, records) do
@@ -58,7 +66,7 @@ defmodule BB.Test.Chaos.Verdict do
     end
   end
 
-  @doc "The strikes on the same wires in the meantime."
+  @doc "The strikes on the same wires in that time."
   def meanwhile(records, place, from, to) do
     Enum.filter(records, fn record ->
       Plan.lane(record.strike.place) == Plan.lane(place) and
@@ -67,7 +75,7 @@ defmodule BB.Test.Chaos.Verdict do
   end
 
   @doc """
-  For how long of from..to the VM stood still, or one of its schedulers.
+  Returns how long the VM, or one of its schedulers, stood still between `from` and `to`.
 
       iex> BB.Test.Chaos.Verdict.overlap([{30, 40}, {10, 20}, {15, 18}], 15, 35)
       10

@@ -14,14 +14,17 @@ defmodule BB.Test.Chaos.Wires do
   def break({:gpio, chip, _device, lines}, fault),
     do: Enum.each(lines, &Lines.fault({chip, &1}, fault))
 
-  @doc "Ends it."
+  @doc "Ends a fault."
   def mend({:i2c, bus, _address}, :stuck), do: Sim.release(bus)
   def mend({:i2c, bus, address}, :unplug), do: Sim.replug(bus, address)
   def mend({:i2c, bus, address}, _fault), do: Sim.clear(bus, address)
   def mend({:gpio, chip, device, _lines}, :unplug), do: Lines.replug(chip, device)
   def mend({:gpio, chip, _device, lines}, _fault), do: Enum.each(lines, &Lines.clear({chip, &1}))
 
-  @doc "For how long the fault of one device holds the wires that it shares, at each transfer, in milliseconds."
+  @doc """
+  Returns how long the fault of one device holds its shared wires at each transfer, in
+  milliseconds.
+  """
   def holds_ms({:slow, _ms}), do: 20
   def holds_ms(:timeout), do: 20
   def holds_ms(_fault), do: 0

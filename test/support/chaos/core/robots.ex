@@ -1,8 +1,10 @@
 defmodule BB.Test.Chaos.Core.Robots do
   @moduledoc """
-  The robots of `bin/chaos core`: `Inside`, a child of the application, and `Outside`, which the harness supervises. Both have
-  sensors on a simulated bus, counters, a native process and its topic, a caliper that is to be disarmed, a watchdog that vouches,
-  and parameters that are kept on disk.
+  The robots of `bin/chaos core`: `Inside`, a child of the application, and `Outside`, a child of
+  the harness.
+
+  Both have sensors on a simulated bus, counters, a native process with its topic, a caliper with
+  a `disarm/1`, a watchdog that vouches, and parameters that are saved on disk.
   """
 
   alias BB.Test.Chaos.Core.Watchdog
@@ -13,42 +15,46 @@ defmodule BB.Test.Chaos.Core.Robots do
   @bus "i2c-chaos-core"
   @tuned [:p1, :p2, :p3, :p4]
 
-  @doc "The robot that the application supervises."
+  @doc "Returns the robot that the application supervises."
   def inside, do: @inside
 
-  @doc "The robot that others supervise."
+  @doc "Returns the robot that the harness supervises."
   def outside, do: @outside
 
-  @doc "Both."
+  @doc "Returns both robots."
   def all, do: [@inside, @outside]
 
-  @doc "The paths of the parameters that are set, and kept."
+  @doc "Returns the paths of the parameters that are set and saved."
   def tuned, do: for(name <- @tuned, do: [:tune, name])
 
-  @doc "The simulated buses that the robots need."
+  @doc "Returns the simulated buses of the robots."
   def buses, do: %{@bus => [devices: %{0x68 => imu(), 0x69 => imu()}]}
 
   defp imu, do: {BB.Bus.Sim.Mpu6050, source: :motion}
 
   @doc """
-  Whether the process at a place may be another when those at other places have ended, beside what the supervision tree says. It is
-  started again by its keeper, or, if it is the process of a shared bus, for the next who opens that.
+  Tells whether a process may restart because of ends that the supervision tree does not relate to
+  it.
+
+  Its keeper restarts it, or, if it is the process of a shared bus, the next process that opens
+  the bus.
 
     * A component has its name in its robot's registry.
-    * A sensor on the bus needs the processes of the bus, and so does the one that shares the bus. These have their names in
-      registries as well.
-    * The process that shares a bus ends when all who have it open have ended (`BB.Bus.I2C.Server`).
-    * A warden is there for a robot until that has ended, and another for the next.
+    * A sensor on the bus needs the processes of the bus, and so does the process that shares the
+      bus. These have their names in registries as well.
+    * The process that shares a bus ends when all of its users have ended (`BB.Bus.I2C.Server`).
+    * A warden serves a robot until the robot has ended; the next robot gets another warden.
   """
   @spec due?([term()], MapSet.t([term()]), [[term()]]) :: boolean()
   def due?(place, ended, all),
     do: dependent?(place, ended) or (shared_bus?(place) and deserted?(ended, all))
 
   @doc """
-  Whether the process at a place may be another some time after those at other places have ended.
+  Tells whether a process may restart some time after the ends of others.
 
-  A component notices late that its bus or its program has gone: the program's end takes its grace. Its successor may find the topic
-  taken, or the device reset, and is started once more. The process of a shared bus follows its sensors.
+  A component detects late that its bus or its program has ended: the program has a grace period.
+  Its successor may find the topic taken, or the device reset, and is restarted once more. The
+  process of a shared bus follows its sensors.
   """
   @spec late?([term()], MapSet.t([term()]), [[term()]]) :: boolean()
   def late?(place, ended, all),
@@ -89,7 +95,7 @@ defmodule BB.Test.Chaos.Core.Robots do
 
   defp bus?(id), do: inspect(id) =~ "BB.Bus."
 
-  @doc "Makes the modules of both."
+  @doc "Makes the modules of both robots."
   def define(folder) do
     for {robot, address} <- [{@inside, 0x68}, {@outside, 0x69}],
         do: define(robot, address, folder)

@@ -1,5 +1,5 @@
 defmodule BB.Test.Chaos.Core.Traffic do
-  @moduledoc "Records what a robot's sensors publish, through all that becomes of the robot."
+  @moduledoc "Records the messages of a robot's sensors across restarts of the robot."
 
   use GenServer
 
@@ -8,7 +8,7 @@ defmodule BB.Test.Chaos.Core.Traffic do
   @doc "Starts to record."
   def start_link(robot), do: GenServer.start_link(__MODULE__, robot)
 
-  @doc "How many messages came from each path."
+  @doc "Returns the number of messages of each path."
   @spec report(pid()) :: %{[atom()] => pos_integer()}
   def report(pid), do: GenServer.call(pid, :report, :infinity)
 

@@ -1,6 +1,7 @@
 defmodule BB.Test.Chaos.Core.Tree do
   @moduledoc """
-  A supervision tree as it is at a moment: what runs under which supervisor, and what that says about restarts.
+  A snapshot of a supervision tree: which process runs under which supervisor, and which restarts
+  follow from an end.
   """
 
   alias BB.Component.Keeper
@@ -8,8 +9,9 @@ defmodule BB.Test.Chaos.Core.Tree do
   @patience_ms 5_000
 
   @typedoc """
-  A process by its place: the ids from the root on. A keeper
-  restarts its one child for ever, and leaves alone who else there is.
+  A process by its place: the ids from the root on.
+
+  A keeper restarts its one child without limit, and restarts no other.
   """
   @type t :: %{
           place: [term()],
@@ -21,7 +23,10 @@ defmodule BB.Test.Chaos.Core.Tree do
           period_s: nil | pos_integer()
         }
 
-  @doc "All processes below the roots, given by their registered names, and the roots themselves: none of a root that is not there, or stands below another."
+  @doc """
+  Returns all processes below the roots, given by their registered names, and the roots
+  themselves. A root that does not run, or is below another, is left out.
+  """
   @spec snapshot([atom()]) :: %{[term()] => t()}
   def snapshot(roots) do
     Enum.reduce(roots, %{}, fn name, tree ->
@@ -50,7 +55,7 @@ defmodule BB.Test.Chaos.Core.Tree do
 
       [node(place, pid, order, restart, rules) | below]
     else
-      # It has just ended.
+      # The supervisor has just ended.
       :error -> []
     end
   end
@@ -72,7 +77,7 @@ defmodule BB.Test.Chaos.Core.Tree do
   defp named({id, child, type}, _keeper, :keeper), do: {id, child, type, :permanent}
   defp named({id, child, type}, parent, _strategy), do: {id, child, type, restart(parent, id)}
 
-  # Its name, if it has one; else what it was started with.
+  # Its name, if it has one, and otherwise its start arguments.
   defp dynamic_id(child, parent) do
     with {:registered_name, name} when is_atom(name) <- Process.info(child, :registered_name) do
       name
@@ -101,7 +106,8 @@ defmodule BB.Test.Chaos.Core.Tree do
     with {:ok, state} <- state(pid), do: {:ok, read(state)}
   end
 
-  # OTP's supervisor begins with name, strategy, children, dynamics, intensity, period, in all its releases.
+  # In all releases of OTP, a supervisor's state begins with name, strategy, children, dynamics,
+  # intensity, period.
   defp read(state) when elem(state, 0) == :state do
     %{strategy: strategy(elem(state, 2)), intensity: elem(state, 5), period_s: elem(state, 6)}
   end

@@ -1,14 +1,19 @@
 defmodule BB.Test.Chaos.Core.Tuner do
   @moduledoc """
-  Sets parameters all the time, one process for each, and looks before each request whether the one before is still true. What each
-  may be, and what was lost, is kept in a table of its own.
+  Sets parameters continuously, with one process for each, and checks each value before the next
+  request.
+
+  The possible values of each parameter, and the lost ones, are in a table of its own.
   """
 
   alias BB.Test.Chaos.Core.Verdict
 
   @longest_pause_ms 10
 
-  @doc "Starts to set those parameters of those robots; the calling process owns the table, which is returned with the processes."
+  @doc """
+  Starts to set these parameters of these robots. The calling process owns the table, which is
+  returned with the processes.
+  """
   @spec start([module()], [[atom()]]) :: {:ets.tid(), [pid()]}
   def start(robots, paths) do
     table = :ets.new(__MODULE__, [:public])
@@ -20,7 +25,7 @@ defmodule BB.Test.Chaos.Core.Tuner do
     spawn_link(fn -> tune(table, key, 1) end)
   end
 
-  @doc "Stops the processes, each after the request that it is at."
+  @doc "Stops the processes, each after its current request."
   @spec stop([pid()]) :: :ok
   def stop(tuners) do
     for tuner <- tuners do
@@ -33,7 +38,8 @@ defmodule BB.Test.Chaos.Core.Tuner do
   end
 
   @doc """
-  Looks once more at all parameters, all of which must be there, and returns what was lost: `[{{robot, path}, value, possible}]`.
+  Checks all parameters once more and returns the lost values: `[{{robot, path}, value,
+  possible}]`.
   """
   @spec lost(:ets.tid()) :: [{{module(), [atom()]}, term(), [term()]}]
   def lost(table) do
@@ -45,7 +51,7 @@ defmodule BB.Test.Chaos.Core.Tuner do
     for {{:lost, _n}, key, value, possible} <- :ets.tab2list(table), do: {key, value, possible}
   end
 
-  @doc "How many requests were acknowledged."
+  @doc "Returns the number of acknowledged requests."
   @spec acknowledged(:ets.tid()) :: non_neg_integer()
   def acknowledged(table),
     do: Enum.sum(for {_key, _possible, count} <- :ets.tab2list(table), do: count)
@@ -61,7 +67,7 @@ defmodule BB.Test.Chaos.Core.Tuner do
     end
   end
 
-  # Kept before it is asked for: the request may come through whatever becomes of its answer.
+  # Recorded before the request, which may succeed although its answer is lost.
   defp set(table, {robot, path} = key, value) do
     [{_key, before, count}] = :ets.lookup(table, key)
     :ets.insert(table, {key, Verdict.possible(before, value, :unknown), count})

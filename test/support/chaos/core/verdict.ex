@@ -1,8 +1,9 @@
 defmodule BB.Test.Chaos.Core.Verdict do
   @moduledoc """
-  What may and what may not follow from kills, told from the supervision tree as it was before. Pure; times in nanoseconds.
+  Decides which restarts may follow from kills, from the supervision tree before them. Pure; times
+  in nanoseconds.
 
-  Time in which the whole VM stood still is no warden's: it is taken off.
+  Time in which the whole VM stood still is subtracted.
   """
 
   alias BB.Test.Chaos.Core.Tree
@@ -13,16 +14,18 @@ defmodule BB.Test.Chaos.Core.Verdict do
   @slack_ns 1_000_000_000
 
   @typedoc """
-  When children of supervisors were killed: what their restarts have used up. One that is started
-  anew begins anew.
+  The restarts that supervisors have used up by the kills. A restarted supervisor begins with
+  none.
   """
   @type ledger :: [{supervisor :: pid(), at_ns :: integer()}]
 
   @doc """
-  The places whose processes may be others after the kills of `victims` at `now_ns`, and the ledger with those.
+  Returns the places whose processes may restart after the kills of `victims` at `now_ns`, and the
+  updated ledger.
 
-  A process takes all below it along. Its supervisor starts it again, with those that its strategy says; one whose restarts are
-  used up ends instead, as if it had been killed itself.
+  The end of a process takes all processes below it with it. Its supervisor restarts it, with
+  those that its strategy names. A supervisor that reaches its restart limit ends instead, as if
+  it had been killed itself.
   """
   @spec expected(%{[term()] => Tree.t()}, [[term()]], ledger(), integer()) ::
           {MapSet.t([term()]), ledger()}
@@ -43,7 +46,7 @@ defmodule BB.Test.Chaos.Core.Verdict do
       tree[place].restart == :temporary ->
         {branch(tree, place), ledger}
 
-      # Within the second of doubt it may live on, and has counted one more.
+      # Within the doubtful second it may survive, with one more restart counted.
       spent?(parent, ledger, now_ns) ->
         ends(tree, parent.place, [{parent.pid, now_ns} | ledger], now_ns)
 
@@ -78,8 +81,11 @@ defmodule BB.Test.Chaos.Core.Verdict do
     do: for({below, _} <- tree, List.starts_with?(below, place), do: below)
 
   @doc """
-  The places whose process is another, or gone, and may not be: neither the tree says so nor a dependency on those that it says so
-  of: `due?.(place, ended, all)`, of the places before. A place that was not there before has no say.
+  Returns the places whose process has restarted, or is gone, without a reason.
+
+  A reason is the supervision tree, or a dependency on a place that the tree explains:
+  `due?.(place, ended, all)`, for the places before. A place that did not exist before is not
+  judged.
   """
   @spec innocent(
           %{[term()] => Tree.t()},
@@ -95,7 +101,10 @@ defmodule BB.Test.Chaos.Core.Verdict do
         do: place
   end
 
-  @doc "The times in which a robot was armed without a living warden, as `{robot, from_ns, to_ns}`, that lasted too long."
+  @doc """
+  Returns the times in which a robot was armed without a living warden for too long, as `{robot,
+  from_ns, to_ns}`.
+  """
   @spec unwatched([{module(), integer(), integer()}], [{integer(), integer()}]) ::
           [{module(), integer(), integer()}]
   def unwatched(intervals, standstills) do
@@ -105,8 +114,10 @@ defmodule BB.Test.Chaos.Core.Verdict do
   end
 
   @doc """
-  What a parameter may be after a request to set it: what was acknowledged and nothing else, or, where the request came to
-  nothing that anyone knows, all that it may have been before as well.
+  Returns the possible values of a parameter after a request to set it.
+
+  After an acknowledged request, that is the new value. If the result of the request is unknown,
+  all previously possible values remain possible.
 
       iex> BB.Test.Chaos.Core.Verdict.possible([1], 2, :ok)
       [2]
@@ -117,7 +128,10 @@ defmodule BB.Test.Chaos.Core.Verdict do
   def possible(_before, value, :ok), do: [value]
   def possible(before, value, :unknown), do: [value | before]
 
-  @doc "Whether a value was lost: what a parameter is, where that can be known, is none of what it may be."
+  @doc """
+  Tells whether a value was lost: whether a known value of a parameter is none of the possible
+  ones.
+  """
   @spec lost?({:ok, term()} | :unknown, [term()]) :: boolean()
   def lost?(:unknown, _possible), do: false
   def lost?({:ok, value}, possible), do: value not in possible

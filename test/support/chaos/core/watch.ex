@@ -1,11 +1,14 @@
 defmodule BB.Test.Chaos.Core.Watch do
-  @moduledoc "Looks every millisecond whether a robot is armed and its warden lives, and notes for how long the one was so without the other."
+  @moduledoc """
+  Checks every millisecond whether a robot is armed and has a warden, and records the times
+  without one.
+  """
 
   alias BB.Test.Chaos.Standstills
 
   @look_ms 1
 
-  @doc "Starts to look."
+  @doc "Starts to check."
   @spec start_link([module()]) :: {:ok, pid()}
   def start_link(robots) do
     watch = fn ->
@@ -16,14 +19,14 @@ defmodule BB.Test.Chaos.Core.Watch do
     {:ok, spawn_link(watch)}
   end
 
-  @doc "What was noted: `{[{robot, from_ns, to_ns}], standstills}`."
+  @doc "Returns the records: `{[{robot, from_ns, to_ns}], standstills}`."
   @spec report(pid()) :: {[{module(), integer(), integer()}], [{integer(), integer()}]}
   def report(watch) do
     send(watch, {:report, self()})
     receive do: ({:intervals, intervals, standstills} -> {intervals, standstills})
   end
 
-  @doc "Whether the robot is armed, as far as anyone can tell."
+  @doc "Tells whether the robot is armed, as far as that can be determined."
   @spec armed?(module()) :: boolean()
   def armed?(robot) do
     BB.Safety.armed?(robot)
@@ -31,7 +34,7 @@ defmodule BB.Test.Chaos.Core.Watch do
     ArgumentError -> false
   end
 
-  @doc "Whether the robot has a warden that lives."
+  @doc "Tells whether the robot has a living warden."
   @spec warden?(module()) :: boolean()
   def warden?(robot), do: robot |> Module.concat(Safety) |> Process.whereis() |> is_pid()
 

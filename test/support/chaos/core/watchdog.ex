@@ -1,5 +1,8 @@
 defmodule BB.Test.Chaos.Core.Watchdog do
-  @moduledoc "Who vouches for an armed robot: a sensor in its tree, and, started by `start_link/1`, a process outside of it."
+  @moduledoc """
+  Vouches for an armed robot: as a sensor in its tree, or as a process outside of it
+  (`start_link/1`).
+  """
 
   use BB.Sensor
 
@@ -11,7 +14,7 @@ defmodule BB.Test.Chaos.Core.Watchdog do
     {:ok, opts[:bb]}
   end
 
-  @doc "A child outside of the robot's tree, which vouches as soon as that is possible."
+  @doc "A child outside of the robot's tree, which vouches as soon as possible."
   def child_spec(robot),
     do: %{id: {:voucher, robot}, start: {__MODULE__, :start_link, [robot]}}
 

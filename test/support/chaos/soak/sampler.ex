@@ -1,7 +1,8 @@
 defmodule BB.Test.Chaos.Soak.Sampler do
   @moduledoc """
-  Writes what a VM holds to a file, once a second: a line of `key=number` each. It is loaded into VMs that know nothing of it, on the
-  host and in a release, and so uses nothing but OTP.
+  Writes the resources of a VM to a file, once a second: a line of `key=number` each.
+
+  It is loaded into other VMs, on the host and in a release, and therefore uses only OTP.
   """
 
   @period_ms 1_000

@@ -1,7 +1,7 @@
 defmodule BB.Test.Chaos.Soak.Subject do
   @moduledoc """
-  A program under soak: a VM with a robot, which is started with `BB.Test.Chaos.Soak.Sampler` in it, and what the operating system says
-  of it and of the programs that it has started.
+  A program under soak: a VM with a robot and `BB.Test.Chaos.Soak.Sampler`, and its figures from
+  the operating system.
   """
 
   alias BB.Test.Chaos.Soak.Sampler
@@ -10,7 +10,7 @@ defmodule BB.Test.Chaos.Soak.Subject do
   @enforce_keys [:name, :port, :samples, :topics, :folder]
   defstruct @enforce_keys
 
-  @doc "Starts a command; its ring topics and files lie in folders of their own."
+  @doc "Starts a command, with folders of its own for ring topics and files."
   def start(name, [program | arguments], env \\ []) do
     folder = Path.join(System.tmp_dir!(), Run.unique("soak-#{name}"))
     topics = Path.join("/dev/shm", Run.unique("soak-#{name}"))
@@ -40,12 +40,12 @@ defmodule BB.Test.Chaos.Soak.Subject do
   defp charlists(env),
     do: for({key, value} <- env, do: {String.to_charlist(key), String.to_charlist(value)})
 
-  # A release loads nothing by itself that it does not contain.
+  # A release loads no module that it does not contain.
   defp load(folder) do
     {Sampler, beam, _file} = :code.get_object_code(Sampler)
     file = Path.join(folder, "#{Sampler}")
     File.write!(file <> ".beam", beam)
-    # Numbers for names: nothing has to be quoted on the way.
+    # The pid's number is its name, so that nothing has to be quoted.
     module = Sampler |> Atom.to_charlist() |> numbers()
     file = file |> String.to_charlist() |> numbers()
     "-eval code:load_abs(#{file}),apply(list_to_atom(#{module}),start,[])."
@@ -53,7 +53,7 @@ defmodule BB.Test.Chaos.Soak.Subject do
 
   defp numbers(text), do: "[#{Enum.join(text, ",")}]"
 
-  @doc "What it holds now, `nil` as long as its VM has not written a line: figures by their names."
+  @doc "Returns its current figures by name, or `nil` before its VM has written a line."
   def figures(subject) do
     with [_ | _] = lines <- lines(subject), inside = parse(List.last(lines)) do
       {os_pid, inside} = Map.pop!(inside, "os_pid")
@@ -75,7 +75,7 @@ defmodule BB.Test.Chaos.Soak.Subject do
 
   defp lines(subject) do
     case File.read(subject.samples) do
-      # The last is whole only if its end is.
+      # The last line is complete only if it has its end.
       {:ok, text} -> text |> String.split("\n") |> Enum.drop(-1)
       {:error, _} -> []
     end
@@ -113,13 +113,15 @@ defmodule BB.Test.Chaos.Soak.Subject do
     end
   end
 
-  @doc "Whether it runs."
+  @doc "Tells whether it runs."
   def running?(subject), do: Port.info(subject.port) != nil
 
-  @doc "What it has logged."
+  @doc "Returns its log."
   def log(subject), do: File.read!(Path.join(subject.folder, "log"))
 
-  @doc "Ends it as a person would, and waits for that; by force when it does not end. Nothing is left."
+  @doc """
+  Stops it as a person would, and waits; kills it if it does not end. No process or file remains.
+  """
   def stop(subject) do
     with {:os_pid, os_pid} <- Port.info(subject.port, :os_pid) do
       all = [os_pid | Native.descendants(os_pid)]

@@ -1,9 +1,9 @@
 defmodule BB.Test.Chaos.Soak.Trend do
   @moduledoc """
-  Whether a figure stays what it is while a program runs. Pure.
+  Decides whether a figure grows while a program runs. Pure.
 
-  What it gained is the slope that the median pair of samples has (Theil and Sen's), over the whole time: garbage that comes and
-  goes and single peaks do not count, a steady gain does.
+  The growth is the slope of the median pair of samples (Theil-Sen estimator), over the whole
+  time. Temporary garbage and single peaks do not count, steady growth does.
   """
 
   @most_samples 150
@@ -12,7 +12,7 @@ defmodule BB.Test.Chaos.Soak.Trend do
   @type samples :: [{number(), number()}]
 
   @doc """
-  What it gained between the first sample and the last.
+  Returns the growth between the first sample and the last.
 
       iex> BB.Test.Chaos.Soak.Trend.gain(for second <- 0..10, do: {second, 100 + 2 * second})
       20.0
@@ -26,11 +26,11 @@ defmodule BB.Test.Chaos.Soak.Trend do
     slope(thin(samples)) * (to - from)
   end
 
-  @doc "Whether it gained no more than `floor`, or than that share of its median."
+  @doc "Tells whether it grew by no more than `floor`, or than that share of its median."
   @spec flat?(samples(), number(), float()) :: boolean()
   def flat?(samples, floor, share), do: gain(samples) <= max(floor, share * middle(samples))
 
-  @doc "The median of the values."
+  @doc "Returns the median of the values."
   @spec middle(samples()) :: number()
   def middle(samples), do: samples |> Enum.map(&elem(&1, 1)) |> median()
 
@@ -39,7 +39,7 @@ defmodule BB.Test.Chaos.Soak.Trend do
     if slopes == [], do: 0.0, else: median(slopes)
   end
 
-  # Pairs are many.
+  # The number of pairs is quadratic.
   defp thin(samples) do
     step = max(div(length(samples), @most_samples), 1)
     Enum.take_every(samples, step)
