@@ -292,7 +292,9 @@ defmodule DocumentationTest do
   defp reason?(text), do: is_binary(text) and String.trim(text) != ""
 
   defp texts(docs) do
-    for {{_kind, name, arity}, _, _, %{} = doc, _} <- docs, do: {"#{name}/#{arity}", doc}
+    for {{kind, name, arity}, _, _, %{} = doc, _} <- docs,
+        kind not in [:type, :opaque],
+        do: {"#{name}/#{arity}", doc}
   end
 
   defp implemented(module) do

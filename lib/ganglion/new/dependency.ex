@@ -44,7 +44,8 @@ defmodule Ganglion.New.Dependency do
   defp parse_git([url, ""], _where),
     do:
       {:error,
-       "--from: expected git:URL#REF with a branch, tag or commit, got: #{inspect("git:#{url}#")}"}
+       "--from: expected git:URL#REF with a branch, tag or commit, " <>
+         "got: #{inspect("git:#{url}#")}"}
 
   defp parse_git([url | ref], where) do
     if url =~ ~r/[\s"\\]/ or Enum.any?(ref, &(&1 =~ ~r/[\s"\\]/)),

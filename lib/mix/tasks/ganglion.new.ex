@@ -1,4 +1,6 @@
 defmodule Mix.Tasks.Ganglion.New do
+  @boards Enum.map_join(Ganglion.New.Options.boards(), ", ", fn {board, _} -> "`#{board}`" end)
+
   @shortdoc "Generates a project for a robot"
   @moduledoc """
   Generates a project for a robot that depends on Ganglion.
@@ -19,7 +21,7 @@ defmodule Mix.Tasks.Ganglion.New do
   | `--from SOURCE` | the dependency on Ganglion: the path of a checkout (by default the one that runs), or `git:URL`, or `git:URL#REF` with a branch, tag or commit |
   | `--native KIND` | the language of the native process: `rust` (the default), `python` (not for boards) or `none` |
 
-  Supported boards: #{Enum.map_join(Ganglion.New.Options.boards(), ", ", fn {board, _} -> "`#{board}`" end)}.
+  Supported boards: #{@boards}.
 
   ## The project
 
