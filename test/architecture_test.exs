@@ -1,21 +1,23 @@
 defmodule ArchitectureTest do
   @moduledoc """
-  Holds the arrows: which part of the project may name which. A new arrow fails here, and is either a mistake or a line in
-  a table below, which says so to everyone who reads the change.
+  Checks which part of the project may name which. A new dependency fails here: it is a mistake,
+  or a new entry in a table below, which everyone who reads the change sees.
 
-  What a module names is read from its source (`BB.Test.Source` says why), so that `use`, `alias`, types and patterns count
-  as calls do. It holds Ganglion's own modules, those below `lib/bb` and `lib/ganglion` and the Mix tasks: a robot and a
-  driver of somebody's own beside them are not looked at. For Rust it is the dependencies in each `Cargo.toml`, without which the compiler lets no crate name another.
+  The names are read from the sources (`BB.Test.Source` explains why), so that `use`, `alias`,
+  types and patterns count as well as calls. Only Ganglion's own modules are checked, those in
+  `lib/bb` and `lib/ganglion` and the Mix tasks, not a robot or a driver beside them. For Rust,
+  the dependencies in each `Cargo.toml` are checked, without which a crate cannot name another.
   """
 
   use ExUnit.Case, async: true
 
   alias BB.Test.Source
 
-  # Each part: its modules, and the parts that it may name beside itself. `BB.Math.*` is BB.Math and all below it; of several
-  # patterns that fit a module the closest counts. A part may name only parts above it, so that no arrows make a circle.
+  # Each part: its modules, and the other parts that it may name. `BB.Math.*` stands for BB.Math
+  # and all modules below it; if several patterns match a module, the longest one counts. A part
+  # may name only parts above it, so that dependencies have no cycle.
   @parts [
-    # What a person types with Mix, while nothing runs.
+    # Mix tasks that run without the application.
     mix: {~w(Mix.Tasks.Compile.Cargo.*), []},
     path: {~w(BB.Path), []},
     options: {~w(BB.Options.*), []},
@@ -35,11 +37,12 @@ defmodule ArchitectureTest do
     # The bus moves messages and does not read them: no payload.
     pub_sub: {~w(BB.PubSub.*), [:path, :options, :envelope, :tolerant]},
 
-    # What can be tuned, and what is between a joint and a motor.
+    # Parameters, and the transmission between a joint and a motor.
     parameter: {~w(BB.Parameter.*), ~w(pub_sub envelope options unit tolerant)a},
     transmission: {~w(BB.Transmission), ~w(parameter envelope payload options unit)a},
 
-    # What runs and what keeps it running. The declaration is data: the robot, and its components as it declares them.
+    # Components and the processes that start and restart them. The declaration is data: the robot
+    # and its components.
     process: {~w(BB.Process.*), []},
     safety: {~w(BB.Safety.*), ~w(path pub_sub envelope payload callback telemetry tolerant)a},
     declaration: {~w(BB.Component BB.Robot.*), ~w(transmission parameter unit)a},
@@ -47,7 +50,7 @@ defmodule ArchitectureTest do
       {~w(BB.Component.*),
        ~w(declaration transmission parameter process pub_sub safety envelope payload options callback telemetry tolerant topic)a},
 
-    # The buses: simulated where there is no other. A robot may declare what hangs on them then.
+    # The buses, simulated if there are no others. A robot may declare their simulated devices.
     clock: {~w(BB.Clock.*), [:tolerant]},
     bus_interface: {~w(BB.Bus.GPIO.Arguments BB.Bus.I2C.Scan), []},
     simulation: {~w(BB.Bus.Sim.*), [:clock, :tolerant, :bus_interface]},
@@ -66,18 +69,18 @@ defmodule ArchitectureTest do
        ~w(declaration component parameter safety process pub_sub bus simulation topic options callback)a},
     facade: {~w(BB), ~w(dsl supervisor process pub_sub topic)a},
 
-    # Drivers, and the bus as they see it. What is simulated behind it they cannot name.
+    # Drivers, and their interface to the bus. They cannot name the simulation behind it.
     loop: {~w(BB.Loop), ~w(clock envelope unit telemetry)a},
     polled: {~w(BB.Sensor.Polled), ~w(sensor loop unit)a},
     driver:
       {~w(BB.Sensor.*),
        ~w(sensor polled clock loop bus safety envelope payload math unit options)a},
 
-    # It looks at the topics that its program feeds. Its sensor carries nothing over.
+    # The sensor of a native process reads the topics of its program, and forwards no messages.
     ring: {~w(BB.Ring.*), ~w(topic options errno native_library)a},
     native_process: {~w(BB.Sensor.NativeProcess.*), ~w(sensor ring topic options)a},
 
-    # What all drivers are tested by. It has a robot, and breaks its wires.
+    # The tests that all drivers have to pass. They use a robot, and break its wires.
     conformance:
       {~w(BB.Sensor.Conformance.*),
        ~w(facade sensor bus simulation clock parameter pub_sub envelope payload unit options)a},
@@ -85,7 +88,7 @@ defmodule ArchitectureTest do
     # Outlets and inlets are sensors too, docs/decisions/0003.
     handoff: {~w(BB.Handoff.*), ~w(facade sensor ring topic envelope payload math options)a},
 
-    # What validates, replaces and reaches the software of a board.
+    # Validation, updates and network of a board.
     firmware:
       {~w(BB.Firmware.*),
        ~w(facade sensor driver native_process handoff ring topic safety process pub_sub envelope payload options tolerant)a},
@@ -95,30 +98,30 @@ defmodule ArchitectureTest do
       {~w(Ganglion.*),
        ~w(firmware errno facade supervisor sensor driver native_process handoff ring bus simulation safety process parameter pub_sub path envelope payload math callback)a},
 
-    # What a person types with mix.
+    # Mix tasks for people.
     tasks: {~w(Mix.Tasks.*), [:ganglion]}
   ]
 
-  # Who calls a function without saying of which module, and why not through BB.Callback. Functions
-  # that are values are not looked at: they are called by whom they are given to.
+  # The modules that may call a function of a module that is a value without BB.Callback, and why.
+  # Functions that are values are not checked: the receiver calls them.
   @callers [
     {~w(BB.Callback), "is where the code of others is called"},
 
-    # In a process that only its own code can hurt: its keeper starts it again, and kills it when it
-    # does not end.
+    # In the process of the component, which only its own code can harm: its keeper restarts it,
+    # and kills it if it does not end.
     {~w(BB.Component.Server BB.Sensor.Polled BB.Sensor.NativeProcess.* BB.Handoff.Inlet
         BB.Handoff.Outlet), "calls in the process of the component, for some at each message"},
     {~w(BB.Safety.Round), "calls each disarm/1 in a process of its own, with a deadline"},
     {~w(BB.Process.Successor), "starts what the supervisor starts in whose process it is"},
 
-    # In the process of who asks.
+    # In the process of the caller.
     {~w(BB.Component.Resolution BB.Options.Type),
      "checks in its caller's process; for a robot's components that is BB.Component.OptionsCheck's"},
     {~w(BB.Telemetry), "calls in the emitting process, unless that emits apart"},
     {~w(BB.Parameter), "asks a module for what its caller registers"},
     {~w(BB.Message.*), "makes a payload, in its maker's process"},
 
-    # What the machine's or the robot's configuration puts in the place of ours.
+    # Modules from the configuration of the machine or of the robot.
     {~w(BB.Bus.I2C.* BB.Bus.GPIO.*), "calls the bus that the configuration names"},
     {~w(BB.Bus.Sim.*), "breaks a simulated device that fails, in the process of its bus"},
     {~w(BB.Firmware.*), "calls the board and the network that the configuration names"},
@@ -135,17 +138,18 @@ defmodule ArchitectureTest do
     {~w(Mix.Tasks.*), "prints by Mix's own shell, whichever that is"}
   ]
 
-  # Of modules that our own macros have made, or that are kinds of components.
+  # Functions that Ganglion's own macros define, or that kinds of components have.
   @made ~w(robot module_info component_kind component_options health)a
 
-  # What comes from outside, by the start of its name, and which of our modules may name it.
+  # Foreign modules, by the beginning of their names, and the modules that may name them.
   @boards ~w(Nerves Shoehorn VintageNet MdnsLite Circuits)
   @outside [
     {@boards, ~w(BB.Bus.* BB.Firmware.*)},
     {~w(Rustler), ~w(BB.NativeLibrary)}
   ]
 
-  # Each crate: the crates of ours that it may depend on. Siblings that name the ring do not name each other.
+  # Each crate: the crates of this repository that it may depend on. Siblings that use the ring do
+  # not name each other.
   @crates %{
     "conduit_ring" => [],
     "conduit_ring_c" => ["conduit_ring"],
@@ -161,10 +165,11 @@ defmodule ArchitectureTest do
     "chaos" => ["conduit_ring", "program"]
   }
 
-  # What the tests of a crate may depend on besides: the detector is tested with the camera's rendered scene.
+  # Additional dependencies of a crate's tests: the detector is tested with the camera's rendered
+  # scene.
   @crates_in_tests %{"vision_tags" => ["camera"]}
 
-  # Crates through which a program calls the operating system, and the files of ours that may name them.
+  # Crates that call the operating system, and the files that may name them.
   @system_crates ~w(libc rustix nix)
   @system_files %{
     "conduit_ring" =>
@@ -178,7 +183,7 @@ defmodule ArchitectureTest do
       for(file <- ~w(guard process watch), do: "native/process_guard/src/#{file}.rs")
   }
 
-  # All other crates of ours have no `unsafe` at all, but in tests.
+  # All other crates have no `unsafe` outside of tests.
   @unsafe_crates ~w(camera conduit_ring conduit_ring_c conduit_ring_nif linux_bus_nif process_guard)
 
   @homeless ~w(utils util helpers helper common misc)
@@ -188,14 +193,14 @@ defmodule ArchitectureTest do
   end
 
   describe "the parts" do
-    test "each may name only those above it" do
+    test "each name only parts above themselves" do
       for {{part, {_, may_name}}, index} <- Enum.with_index(@parts) do
         above = @parts |> Enum.take(index) |> Keyword.keys()
         assert may_name -- above == [], "#{part} names a part that does not stand above it"
       end
     end
 
-    test "are made of all our modules", %{sources: sources} do
+    test "contain all our modules", %{sources: sources} do
       homeless = for source <- sources, module <- source.modules, !part(module), do: module
       assert homeless == [], "no part in @parts has #{inspect(homeless)}"
     end
@@ -207,7 +212,7 @@ defmodule ArchitectureTest do
   end
 
   describe "a module" do
-    test "names only parts that its own may name", %{sources: sources} do
+    test "names only parts that its part may name", %{sources: sources} do
       assert_none(sources, &forbidden_parts/1)
     end
 
@@ -219,11 +224,11 @@ defmodule ArchitectureTest do
       assert_none(sources, &second_bus/1)
     end
 
-    test "names what comes from outside only where its place is", %{sources: sources} do
+    test "names foreign modules only where they belong", %{sources: sources} do
       assert_none(sources, &forbidden_outside/1)
     end
 
-    test "of Nerves, VintageNet or Circuits is named by one of ours at most", %{sources: sources} do
+    test "of Nerves, VintageNet or Circuits is named by at most one of ours", %{sources: sources} do
       namers =
         for source <- sources,
             {name, _line} <- source.names,
@@ -235,7 +240,7 @@ defmodule ArchitectureTest do
       assert namers == Enum.uniq_by(namers, &elem(&1, 0))
     end
 
-    test "calls code of others only through BB.Callback, unless it is said why", %{
+    test "calls foreign code only with BB.Callback, unless @callers says why", %{
       sources: sources
     } do
       assert_none(sources, &foreign_calls/1)
@@ -246,13 +251,12 @@ defmodule ArchitectureTest do
     end
   end
 
-  # The compiler's own references. Those in types are not among them: they make no file depend on
-  # another.
+  # The compiler's references. They exclude types, which make no file depend on another.
   test "no reference cycle has more than three files" do
     assert [] == for(cycle <- cycles(references()), length(cycle) > 3, do: Enum.sort(cycle))
   end
 
-  test "what is compiled into the application is what stands in lib/", %{sources: sources} do
+  test "the application has exactly the modules in lib/", %{sources: sources} do
     compiled =
       for module <- Application.spec(:ganglion, :modules),
           file = Path.relative_to_cwd(to_string(module.module_info(:compile)[:source])),
@@ -264,7 +268,7 @@ defmodule ArchitectureTest do
     assert compiled -- Path.wildcard("lib/**/*.ex") == []
   end
 
-  test "no folder and no file is called by what it is not" do
+  test "no folder and no file has a name such as utils" do
     ours = ~w(lib/{bb,ganglion,mix} test bench examples docs bin native/*/{src,tests})
     paths = Enum.flat_map(ours, &tree/1)
 
@@ -278,7 +282,7 @@ defmodule ArchitectureTest do
 
   describe "the test itself" do
     @tag :tmp_dir
-    test "does not look at a robot or a driver of somebody's own", %{tmp_dir: dir} do
+    test "ignores a robot or a driver beside Ganglion's own modules", %{tmp_dir: dir} do
       files = ~w(lib/bb.ex lib/bb/sensor/own.ex lib/ganglion/x.ex lib/rover.ex lib/rover/utils.ex)
       for file <- files, path = Path.join(dir, file), do: File.mkdir_p!(Path.dirname(path))
       for file <- files, do: File.write!(Path.join(dir, file), "")
@@ -296,7 +300,7 @@ defmodule ArchitectureTest do
       assert {"lib/bb/sensor/polled.ex", "lib/bb/loop.ex"} in references()
     end
 
-    test "sees a forbidden arrow, with its file and line, in whatever form it is drawn" do
+    test "finds a forbidden dependency in any form, with file and line" do
       source = """
       defmodule BB.PubSub.Reader do
         alias BB.Message.Sensor.{Imu, Range}
@@ -329,7 +333,7 @@ defmodule ArchitectureTest do
              ]
     end
 
-    test "says what is wrong and where" do
+    test "reports the rule and the place" do
       source = "defmodule BB.Path do\n  alias BB.Unit\nend\n"
 
       assert judge(source, "lib/bb/path.ex", &forbidden_parts/1) == [
@@ -337,7 +341,7 @@ defmodule ArchitectureTest do
              ]
     end
 
-    test "leaves the allowed arrows alone" do
+    test "accepts the allowed dependencies" do
       source = """
       defmodule BB.Sensor.Thing do
         use BB.Sensor
@@ -357,7 +361,7 @@ defmodule ArchitectureTest do
           do: assert(judge(source, "lib/bb/sensor/thing.ex", rule) == [])
     end
 
-    test "sees a driver that names another, two buses, a board's library or a file not its own" do
+    test "finds a driver that names another, two buses, a board's library or a wrong file name" do
       source = """
       defmodule BB.Sensor.Thing do
         alias BB.Sensor.Mpu6050, as: Other
@@ -377,7 +381,7 @@ defmodule ArchitectureTest do
       assert misnamed =~ "lib/bb/sensor/other.ex defines BB.Sensor.Thing"
     end
 
-    test "sees a call of who knows what, in whatever form it is made" do
+    test "finds a call of an unknown module in any form" do
       source = """
       defmodule BB.Sensor.Thing do
         def words(row, reason), do: row.module.explain(reason)
@@ -406,7 +410,7 @@ defmodule ArchitectureTest do
   end
 
   describe "a crate" do
-    test "depends only on those of ours that it may" do
+    test "depends only on the crates of ours that it may" do
       for {crate, manifest} <- crates() do
         assert Map.has_key?(@crates, crate), "no row in @crates has #{crate}"
         broken = forbidden_crates(crate, manifest)
@@ -430,7 +434,7 @@ defmodule ArchitectureTest do
              ]
     end
 
-    test "calls the operating system only in the file that is for it" do
+    test "calls the operating system only in the designated files" do
       for {crate, manifest} <- crates() do
         files = Map.get(@system_files, crate, [])
 
@@ -443,14 +447,14 @@ defmodule ArchitectureTest do
       end
     end
 
-    test "has unsafe code only if it is one of those that deal with memory or other languages" do
+    test "has unsafe code only if it handles memory or other languages" do
       for {crate, _manifest} <- crates(), crate not in @unsafe_crates do
         assert rust_lines("native/#{crate}/src", ~r/\bunsafe\b/) == []
       end
     end
   end
 
-  test "the reader of Cargo.toml sees dependencies however they are written" do
+  test "the reader of Cargo.toml finds dependencies in any form" do
     manifest = """
     [dependencies]
     conduit_ring.workspace = true
@@ -476,7 +480,7 @@ defmodule ArchitectureTest do
     assert dependencies(manifest, ~w(dev-dependencies)) == ~w(process_guard)
   end
 
-  # The rules: what a source breaks, a sentence each.
+  # The rules: what a source violates, a sentence each.
 
   defp forbidden_parts(%Source{modules: [module | _]} = source) do
     {_, may_name} = @parts[part(module)] || {[], []}
@@ -527,7 +531,7 @@ defmodule ArchitectureTest do
     end
   end
 
-  # Words run together in a file's name too: `transform2d.ex` has BB.Math.Transform2D.
+  # File names join words, too: `transform2d.ex` has BB.Math.Transform2D.
   defp misnamed(%Source{modules: [module | inner]} = source) do
     path =
       source.file |> Path.rootname() |> String.split(["/", "."]) |> tl() |> Enum.map(&letters/1)
@@ -562,7 +566,7 @@ defmodule ArchitectureTest do
     end
   end
 
-  # A pattern's length without its star; exact before a family.
+  # The length of a pattern without its star; an exact pattern precedes a family.
   defp closeness(pattern) do
     name = String.replace_suffix(pattern, ".*", "")
     {byte_size(name), name == pattern}
@@ -575,7 +579,8 @@ defmodule ArchitectureTest do
   defp listed([]), do: "nothing else"
   defp listed(parts), do: Enum.join(parts, ", ")
 
-  # References between files, as `mix xref graph` prints them: a file, and below it those that it names.
+  # References between files, as `mix xref graph` prints them: a file, and below it the files that
+  # it names.
 
   defp references do
     ExUnit.CaptureIO.capture_io(fn -> Mix.Task.rerun("xref", ~w(graph --format plain)) end)
@@ -649,7 +654,7 @@ defmodule ArchitectureTest do
     1 + Enum.find_index(lines, &(&1 =~ ~r/\b#{word}\b/ and not String.starts_with?(&1, "#")))
   end
 
-  # The names of crates in the sections of those kinds, also where they hold for one target only or have a section of their own.
+  # The crate names in sections of these kinds, also in sections for one target or for one crate.
   defp dependencies(manifest, kinds) do
     kinds = Enum.join(kinds, "|")
 
@@ -685,7 +690,7 @@ defmodule ArchitectureTest do
     )
   end
 
-  # `file:line` of each line of Rust, comments left out, that matches.
+  # `file:line` of each matching line of Rust, without comments.
   defp rust_lines(folder, regex) do
     for file <- Path.wildcard(folder <> "/**/*.rs"),
         {line, number} <- file |> File.stream!() |> Stream.with_index(1),

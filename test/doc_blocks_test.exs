@@ -1,5 +1,5 @@
 defmodule DocBlocksTest do
-  @moduledoc "That a block which does not do what its document says is found."
+  @moduledoc "Tests that a block which does not work as documented is found."
 
   use ExUnit.Case, async: true
 
@@ -39,7 +39,7 @@ defmodule DocBlocksTest do
     end
   end
 
-  test "what cannot be run is checked as far as that shows" do
+  test "blocks that cannot be run are checked" do
     assert check("sh", "firmware/scripts/sign image.fw && bin/test elixir  # all\n", ["board"]) ==
              []
 
@@ -65,7 +65,7 @@ defmodule DocBlocksTest do
     end
   end
 
-  test "Elixir blocks run one after the other, and a later one has what an earlier one made" do
+  test "Elixir blocks run one after the other, with the bindings of earlier ones" do
     page = """
     ```elixir
     defmodule Early, do: defstruct [:a]
@@ -82,13 +82,13 @@ defmodule DocBlocksTest do
     assert said =~ "a is 1"
   end
 
-  test "an Elixir block that fails says where in the document" do
+  test "an Elixir block that fails is reported with its place in the document" do
     assert {said, 1} = run_elixir("\n```elixir\n1 = 1\n1 = 2\n```\n")
     assert said =~ "MatchError"
     assert said =~ "page.md:4"
   end
 
-  test "a process that dies takes its page along, as it takes an IEx shell" do
+  test "a process that dies ends its page, as it ends an IEx shell" do
     assert {said, status} =
              run_elixir(
                "```elixir\nspawn_link(fn -> exit(:gone) end)\nProcess.sleep(:infinity)\n```\n"
@@ -106,7 +106,7 @@ defmodule DocBlocksTest do
     refute said =~ "\nnever"
   end
 
-  test "what a document quotes of a project's file has to stand there, in that order" do
+  test "a quotation of a project's file has to be in that file, in order" do
     folder = Path.join(System.tmp_dir!(), BB.Test.Run.unique("project"))
     on_exit(fn -> File.rm_rf!(folder) end)
     File.mkdir_p!(folder)

@@ -16,7 +16,7 @@ defmodule DocumentationTest do
 
   @sources ["mix.exs", ".formatter.exs", "{bench,config,examples,lib}/**/*.{ex,exs}"]
 
-  # What config/host.exs says to a release: the robot that ships, on simulated buses.
+  # The configuration of a release from config/host.exs: the robot that ships, on simulated buses.
   @console """
   Application.put_all_env(
     ganglion: [
@@ -73,7 +73,7 @@ defmodule DocumentationTest do
       )
     end
 
-    test "has no iex> example that nobody runs" do
+    test "has no iex> example without a doctest" do
       tests = "test/**/*_test.exs" |> Path.wildcard() |> Enum.map(&Source.read!/1)
       run = for test <- tests, {module, []} <- test.doctests, do: module
 
@@ -108,7 +108,7 @@ defmodule DocumentationTest do
   end
 
   describe "the judge of form" do
-    test "leaves tables, URLs and fences alone" do
+    test "ignores tables, URLs and fences" do
       long = String.duplicate("word ", 30)
       text = "| #{long} |\n```\n#{long}\n```\nhttps://host/ #{long}\n#{long}\n"
       assert [{6, 150}] = Prose.long_lines(text, :markdown)
@@ -127,7 +127,7 @@ defmodule DocumentationTest do
       refute Prose.first_sentence?("Opens the bus\n\nMore. And more.")
     end
 
-    test "reads messages wherever they are made" do
+    test "reads messages in any form" do
       source = """
       def f(x), do: raise(ArgumentError, "what is given is no number: " <> inspect(x))
       def g(x), do: raise BB.Error, message: "nobody has opened \#{x}"
@@ -143,17 +143,17 @@ defmodule DocumentationTest do
 
   describe "a document" do
     for document <- @documents do
-      test "#{document} has no link that leads nowhere" do
+      test "#{document} has no broken link" do
         for link <- links(unquote(document)), do: assert(File.exists?(link), "#{link} is missing")
       end
 
-      test "#{document} names only commands that are there" do
+      test "#{document} names only existing commands" do
         for command <- commands(unquote(document)),
             do: assert(command in executables(), "#{command} is named and is no command")
       end
     end
 
-    test "has no iex> example, for which no test would run it" do
+    test "has no iex> example, because no test would run it" do
       assert Enum.filter(@documents, &(File.read!(&1) =~ "iex>")) == []
     end
   end
@@ -174,7 +174,7 @@ defmodule DocumentationTest do
     assert terms -- Enum.uniq(terms) == []
   end
 
-  test "every command in bin/ is documented and says how it is used" do
+  test "every command in bin/ is documented and has a usage line" do
     assert executables() -- Enum.flat_map(@documents, &commands/1) == []
 
     for command <- executables() do
@@ -192,13 +192,13 @@ defmodule DocumentationTest do
         do: assert(picture =~ ">#{name}<", "#{name} is not in the picture")
   end
 
-  test "the changelog has a section for what is not yet released" do
+  test "the changelog has a section for unreleased changes" do
     assert File.read!("CHANGELOG.md") =~ ~r/^## \[?Unreleased\]?$/m
   end
 
   describe "the blocks of" do
     for document <- @documents do
-      test "#{document} are of a known kind, and right as far as that shows without running" do
+      test "#{document} are of a known kind, and correct as far as that shows without running" do
         blocks = DocBlocks.read!(unquote(document))
         assert Enum.flat_map(blocks, &DocBlocks.check(&1, File.cwd!())) == []
       end
@@ -228,7 +228,7 @@ defmodule DocumentationTest do
     output
   end
 
-  # Topics of another folder than those of robots that run on this machine.
+  # A folder for topics, apart from those of robots on this machine.
   defp environment do
     topics = Path.join("/dev/shm", Run.unique("blocks"))
     File.mkdir!(topics)
@@ -263,7 +263,7 @@ defmodule DocumentationTest do
     Path.relative_to_cwd(source) in Source.own()
   end
 
-  # One arity that is documented speaks for the others of its name.
+  # The doc of one arity applies to the other arities of its name.
   defp undocumented(docs) do
     spoken_for = for {{kind, name, _}, _, _, doc, _} <- docs, doc != :none, do: {kind, name}
 
@@ -330,7 +330,7 @@ defmodule DocumentationTest do
     for file <- Path.wildcard("bin/*"), Bitwise.band(File.stat!(file).mode, 0o100) != 0, do: file
   end
 
-  # What is code has brackets of its own.
+  # Code has brackets of its own.
   defp prose(document) do
     document
     |> File.read!()

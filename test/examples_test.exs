@@ -1,9 +1,9 @@
 defmodule ExamplesTest do
-  @moduledoc "Every script in examples/ runs as a user runs it, and says what it should."
+  @moduledoc "Runs every script in examples/ as a user does, and checks its output."
 
   use ExUnit.Case, async: true
 
-  # Lines (regular expressions) that stand in the output in this order; logs may stand between them.
+  # Lines (regular expressions) of the output, in this order; logs may be between them.
   @says %{
     "examples/own_driver.exs" => [
       ~S(soil: 21\.5 °C),
@@ -33,7 +33,7 @@ defmodule ExamplesTest do
   }
 
   for {script, lines} <- @says do
-    test "#{script} runs and says what it should" do
+    test "#{script} runs and prints its lines" do
       {output, status} = run(unquote(script))
       assert status == 0, output
 
@@ -42,11 +42,11 @@ defmodule ExamplesTest do
     end
   end
 
-  test "each example is run" do
+  test "each example is tested" do
     assert "examples/**/*.exs" |> Path.wildcard() |> Enum.sort() == Enum.sort(Map.keys(@says))
   end
 
-  test "each example says how it is run" do
+  test "each example documents how to run it" do
     for script <- Map.keys(@says), do: assert(File.read!(script) =~ "#     mix run #{script}\n")
   end
 
@@ -57,7 +57,7 @@ defmodule ExamplesTest do
     )
   end
 
-  # Those of the lines that do not come, from the first one on.
+  # The missing lines, from the first one on.
   defp missing([], _output), do: []
 
   defp missing([line | later] = lines, output) do

@@ -1,5 +1,7 @@
 defmodule FirstLightTest do
-  @moduledoc "The main job, end to end: the simulated chip, the ring, the camera and the detector as they ship."
+  @moduledoc """
+  The main task, end to end: the simulated chip, the ring, the camera and the detector that ship.
+  """
   use ExUnit.Case, async: true
 
   import BB.Test.Eventually
@@ -14,7 +16,8 @@ defmodule FirstLightTest do
   @tags [:sensor, :camera, :tags]
   @address 0x68
 
-  # The shipped robot's parts with a bus and topics of their own, so that tests run beside each other.
+  # The parts of the shipped robot with a bus and topics of their own, so that tests can run
+  # concurrently.
   defp start_robot!(opts) do
     bus = "i2c-test-#{System.unique_integer([:positive])}"
 
@@ -122,7 +125,7 @@ defmodule FirstLightTest do
     end
   end
 
-  test "the rendered scene's tags arrive with the turning speed of the IMU at the time of the capture" do
+  test "the rendered scene's tags arrive with the angular velocity of the IMU at the capture" do
     before_ns = System.monotonic_time(:nanosecond)
     %{robot: robot} = start_robot!(camera_args: ["--rate", "20"])
     {:ok, _} = BB.subscribe(robot, @tags)
@@ -137,7 +140,7 @@ defmodule FirstLightTest do
     assert found.capture_time in before_ns..System.monotonic_time(:nanosecond)
   end
 
-  test "kill -9 of the vision process: it is back, and no other sensor notices" do
+  test "kill -9 of the vision process: it restarts, and no other sensor is affected" do
     %{robot: robot, tags: tags} = start_robot!(camera_args: ["--rate", "20"])
     {:ok, _} = BB.subscribe(robot, @tags)
     {:ok, _} = BB.subscribe(robot, [:sensor_status])
@@ -154,7 +157,7 @@ defmodule FirstLightTest do
 
     assert_receive {:bb, [:sensor_status, :tags], %{payload: %Status{state: :up, restarts: 1}}}
 
-    # The new one goes on in place, and what it finds arrives.
+    # The new process takes over in place, and its detections arrive.
     {:ok, %{published: taken_over}} = eventually(fn -> in_epoch(tags, 1) end)
     eventually(fn -> match?({:ok, %{published: n}} when n > taken_over, BB.Ring.info(tags)) end)
     {:ok, %{published: arrived}} = BB.Handoff.stats(robot, :inlet)
@@ -186,7 +189,7 @@ defmodule FirstLightTest do
     end
   end
 
-  test "unplug and replug the IMU: backoff, then up; and the tags never stop" do
+  test "unplug and replug the IMU: backoff, then up; the tags never stop" do
     %{robot: robot, bus: bus} = start_robot!(camera_args: ["--rate", "20"])
     {:ok, _} = BB.subscribe(robot, [:sensor_status, :base_link, :imu])
     {:ok, _} = BB.subscribe(robot, @tags)
@@ -207,7 +210,7 @@ defmodule FirstLightTest do
     assert health(robot, :tags).restarts == 0
   end
 
-  test "an IMU that is absent at boot: the robot starts, and it publishes when it appears" do
+  test "an IMU that is absent at boot: the robot starts, and the IMU publishes when it is plugged in" do
     %{robot: robot, bus: bus} = start_robot!(imu: :absent)
     {:ok, _} = BB.subscribe(robot, @imu)
     eventually(fn -> health(robot, :imu).state == :backoff end)
@@ -217,7 +220,7 @@ defmodule FirstLightTest do
   end
 
   describe "kill -9 of the BEAM" do
-    test "leaves no native process, and the next one takes the rings over" do
+    test "leaves no native process, and the next BEAM takes the rings over" do
       topics = [frames, _own] = [topic("camera"), topic("own")]
       beam = start_beam(topics)
       natives = eventually(fn -> native_processes(frames) end)
@@ -233,13 +236,13 @@ defmodule FirstLightTest do
       eventually(fn -> native_processes(frames) == nil end)
     end
 
-    # The camera and its guard, once there are both.
+    # The camera and its guard, once both run.
     defp native_processes(topic) do
       pids = processes("camera", topic) ++ processes("process_guard", topic)
       if length(pids) == 2, do: pids
     end
 
-    # The topics, once each is live and has more messages than a number.
+    # The topics, once each is live and has more messages than the given number.
     defp published(topics, more_than \\ [0, 0]) do
       infos =
         for topic <- topics, {:ok, %{state: :live} = info} <- [BB.Ring.info(topic)], do: info
@@ -250,7 +253,7 @@ defmodule FirstLightTest do
         do: infos
     end
 
-    # Another BEAM, with a robot whose one sensor is the camera, and a publisher of its own.
+    # Another BEAM, with a robot with a camera, and a publisher of its own.
     defp start_beam([frames, own]) do
       code = """
       defmodule OtherBeam do

@@ -1,8 +1,7 @@
 defmodule FirstStepsTest do
   @moduledoc """
-  The shell blocks of README and guides, typed one after the other in a fresh clone: what a reader
-  does who has nothing but the clone. `bin/test docs` runs this, `mix test` leaves it out, for it
-  builds all anew.
+  Runs the shell blocks of README and guides one after the other in a fresh clone, as a reader
+  would. `bin/test docs` runs this test; `mix test` skips it, because it builds everything again.
   """
 
   use ExUnit.Case, async: false
@@ -16,7 +15,7 @@ defmodule FirstStepsTest do
              |> Enum.flat_map(&Path.wildcard/1)
              |> Enum.filter(&(&1 |> DocBlocks.read!() |> DocBlocks.select("sh") != []))
 
-  # In a folder of its own: what a reader makes beside the clone is there too.
+  # In a folder of its own, for projects that the blocks make beside the clone.
   setup_all do
     folder = Path.join(System.tmp_dir!(), Run.unique("clone"))
     clone = Path.join(folder, "ganglion")
@@ -36,7 +35,7 @@ defmodule FirstStepsTest do
   end
 
   for document <- @documents do
-    test "what #{document} has a reader type works in a fresh clone", %{clone: clone, env: env} do
+    test "the shell blocks of #{document} run in a fresh clone", %{clone: clone, env: env} do
       all = DocBlocks.read!(unquote(document))
       DocBlocks.save(all, clone)
       blocks = DocBlocks.select(all, "sh")
@@ -46,8 +45,8 @@ defmodule FirstStepsTest do
     end
   end
 
-  # What git has of this checkout, and what it would have after `git add`. What cargo has built of
-  # others' crates is taken along, which saves minutes and is the same everywhere.
+  # The files of this checkout that git has, or would have after `git add`. Cargo's builds of
+  # foreign crates are copied, which saves minutes and changes nothing.
   defp clone(folder) do
     File.mkdir_p!(folder)
     listed = "git ls-files -z --cached --others --exclude-standard | xargs -0 ls -d 2>/dev/null"
@@ -61,7 +60,7 @@ defmodule FirstStepsTest do
 
   defp sh(command), do: System.cmd("sh", ["-c", command], stderr_to_stdout: true)
 
-  # A reader has no variables of Mix's or of this run's; Rust is where it is installed.
+  # A reader has no variables of Mix or of this run; Rust is where it is installed.
   defp environment(home, topics) do
     real = System.user_home!()
 
@@ -72,7 +71,7 @@ defmodule FirstStepsTest do
       {"PATH", System.fetch_env!("PATH") <> ":" <> Path.join(real, ".cargo/bin")},
       {"CONDUIT_RING_DIR", topics},
       {"MIX_ENV", nil},
-      # Where bin/test was called is not where the reader stands.
+      # The folder from which bin/test was called is not the reader's.
       {"GANGLION_CALLER_DIR", nil},
       {"MIX_BUILD_PATH", nil},
       {"LC_ALL", "C.UTF-8"}

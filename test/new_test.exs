@@ -1,7 +1,8 @@
 defmodule NewTest do
   @moduledoc """
-  From nothing to a robot of one's own, as a person does it: `bin/new`, `bin/demo`, `bin/test` and a release, in a folder outside of
-  the repository, with Ganglion by path and by git. `bin/test new` runs this, `mix test` leaves it out, for it builds all anew.
+  Makes a robot's project as a person does: `bin/new`, `bin/demo`, `bin/test` and a release,
+  outside of the repository, with Ganglion by path and by git. `bin/test new` runs this test; `mix
+  test` skips it, because it builds everything again.
   """
 
   use ExUnit.Case, async: false
@@ -21,7 +22,7 @@ defmodule NewTest do
     %{folder: folder, topics: topics, rover: Path.join(folder, "rover")}
   end
 
-  # The crates that this checkout has built are those of the project: the same sources at the same place.
+  # The project shares the crates that this checkout has built: the same sources at the same path.
   test "a robot by path runs at once, passes its tests, and runs as a release", place do
     place = Map.put(place, :how, :path)
     new(place, [])
@@ -46,7 +47,7 @@ defmodule NewTest do
     assert File.ls!(place.topics) == []
   end
 
-  # What a person does, in the order in which they do it.
+  # The commands of a person, in their order.
 
   defp new(place, options) do
     empty = Path.join(place.folder, "empty")

@@ -1,7 +1,7 @@
 defmodule ProjectTest do
   @moduledoc """
-  A project of somebody's own that depends on Ganglion, by path and by git: what it inherits, and
-  what it does not. `bin/test project` runs this, `mix test` leaves it out, for it builds all anew.
+  Tests what a project inherits that depends on Ganglion by path and by git. `bin/test project`
+  runs this test; `mix test` skips it, because it builds everything again.
   """
 
   use ExUnit.Case, async: false
@@ -79,7 +79,7 @@ defmodule ProjectTest do
   }
   """
 
-  # Tells what runs before anything of the robot does, and then what the robot hears.
+  # Prints the processes that run before the robot, and then the messages of the robot.
   @run """
   started = Application.started_applications() |> Enum.map(&elem(&1, 0)) |> Enum.sort()
   IO.puts("started \#{inspect(started)}")
@@ -102,7 +102,7 @@ defmodule ProjectTest do
     describe "a project that depends on it by #{how}" do
       @describetag how: how
 
-      test "is built, runs its robot and its own program, and has what it asked for", %{how: how} do
+      test "is built, runs its robot and its own program, and has the selected parts", %{how: how} do
         project = project(how)
         Project.run!(project, "mix", ["deps.get"])
         text = Project.run!(project, "mix", ["compile"])
@@ -151,7 +151,7 @@ defmodule ProjectTest do
 
   defp asking(programs), do: "import Config\nconfig :ganglion, programs: #{programs}\n"
 
-  # Another cargo of the machine may have to be waited for.
+  # Another cargo on the machine may hold the lock.
   defp nothing_done?(text),
     do: text |> String.split("\n", trim: true) |> Enum.all?(&(&1 =~ "Blocking waiting"))
 
@@ -159,7 +159,7 @@ defmodule ProjectTest do
     project.folder |> Path.join("_build/dev/lib/#{app}/priv/bin") |> File.ls!() |> Enum.sort()
   end
 
-  # Those that a library may have started, whatever the project is.
+  # The applications that a library may start, in any project.
   defp allowed,
     do:
       [:compiler, :elixir, :ganglion, :kernel, :logger, :rover, :sasl, :stdlib] ++
@@ -171,8 +171,8 @@ defmodule ProjectTest do
     applications
   end
 
-  # A program that is not asked for any more goes, and a name that is none is told. What a
-  # dependency by git was built with is not built anew before Mix is told so, which it says.
+  # A deselected program is removed, and an unknown name is an error. A git dependency is rebuilt
+  # only after a command, which Mix suggests.
   defp follows_its_list(project, how) do
     Project.write!(project, [{"config/config.exs", asking("[]")}])
     {text, status} = Project.run(project, "mix", ["compile"])

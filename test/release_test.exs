@@ -1,7 +1,8 @@
 defmodule ReleaseTest do
   @moduledoc """
-  A release of the host, the nearest thing to a board's image that every machine can run: what `mix release` makes is started,
-  asked and stopped by its own commands. `bin/test release` runs this, `mix test` leaves it out, for it builds all in `prod`.
+  Tests a release on the host, which is similar to a board's image: `mix release` builds it, and
+  its own commands start, query and stop it. `bin/test release` runs this test; `mix test` skips
+  it, because it builds everything in `prod`.
   """
 
   use ExUnit.Case, async: false
@@ -13,13 +14,13 @@ defmodule ReleaseTest do
   @moduletag :release
   @moduletag timeout: 900_000
 
-  # The robot that ships has fixed topics: those of this run lie in a folder of their own, beside those of other robots.
+  # The robot that ships has fixed topics, so that this run has a folder for them.
   setup_all do
     folder = Path.join(System.tmp_dir!(), Run.unique("release"))
     topics = Path.join("/dev/shm", Run.unique("release"))
     File.mkdir!(topics)
     on_exit(fn -> Enum.each([folder, topics], &File.rm_rf!/1) end)
-    # What Mix exports to its children is of `test`.
+    # Mix exports variables of `test` to its children.
     build = [env: [{"MIX_ENV", "prod"}, {"MIX_BUILD_PATH", nil}], stderr_to_stdout: true]
     assert {_, 0} = System.cmd("mix", ["release", "--quiet", "--path", folder], build)
     %{folder: folder, topics: topics}
@@ -35,7 +36,7 @@ defmodule ReleaseTest do
     %{node: node, os_pid: os_pid}
   end
 
-  test "the robot publishes from its start, by the drivers and by the native programs", %{
+  test "the robot publishes from its start, from drivers and native programs", %{
     node: node
   } do
     assert heard(node, [:sensor, :base_link, :imu]) == "BB.Message.Sensor.Imu"
@@ -44,14 +45,14 @@ defmodule ReleaseTest do
              "BB.Message.Vision.TagDetections"
   end
 
-  test "guard, gate and network watch over the robot, and the console shows them", %{node: node} do
+  test "guard, gate and network run, and the console shows the robot", %{node: node} do
     assert rpc(node, "IO.inspect(BB.Firmware.Guard.state())") =~ "phase: :settled"
     assert rpc(node, "IO.write(elem(BB.Firmware.Gate.precheck(), 1))") =~ "public key"
     assert rpc(node, "Ganglion.Console.sensors()") =~ ~r/imu +up +\d+\.\d/
   end
 
   test "remote is a console on the running robot", %{node: node} do
-    # A shell between, because a port cannot end the input of what it has started.
+    # A shell in between, because a port cannot close the input of its process.
     input = "IO.puts([\"the robot is \", to_string(BB.Safety.state(Ganglion.Robot))])\\n"
     shell = "printf '#{input}' | #{Path.join(node.folder, "bin/ganglion")} remote"
     {text, 0} = System.cmd("sh", ["-c", shell], options(node))
@@ -65,7 +66,7 @@ defmodule ReleaseTest do
     for pid <- [os_pid | programs], do: eventually(fn -> not Native.running?(pid) end)
   end
 
-  # What is published there next: the name of its payload, told by the release itself.
+  # The next message there: the name of its payload, from the release itself.
   defp heard(node, path) do
     rpc(node, """
     {:ok, _} = BB.subscribe(Ganglion.Robot, #{inspect(path)}, exact: true)
@@ -89,7 +90,7 @@ defmodule ReleaseTest do
     end
   end
 
-  # Camera, detector, and the guard of each, once all of them run.
+  # Camera, detector and their guards, once all of them run.
   defp native_programs(os_pid) do
     pids = Native.descendants(os_pid)
     names = for pid <- pids, {:ok, name} <- [File.read("/proc/#{pid}/comm")], do: name

@@ -4,7 +4,7 @@ BB.Test.FlakyStore.setup()
 BB.Test.Mischief.setup()
 BB.Test.Run.begin()
 
-# What a test waits for comes at once, unless the machine is busy with something else: then it may take its time.
+# Events arrive at once unless the machine is busy, so that waits have a long timeout.
 ExUnit.start(
   capture_log: true,
   assert_receive_timeout: 60_000,

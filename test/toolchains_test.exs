@@ -1,5 +1,7 @@
 defmodule ToolchainsTest do
-  @moduledoc "Holds what newer compilers ask for and older ones must bear, which the compiler at hand may not show."
+  @moduledoc """
+  Tests requirements of newer and older compilers that the installed one may not show.
+  """
 
   use ExUnit.Case, async: true
 
@@ -19,7 +21,7 @@ defmodule ToolchainsTest do
              "bind the size in the same pattern, or use binary_part/3 or :erlang.split_binary/2"
     end
 
-    test "a size from outside of its pattern is found, however the pattern is written" do
+    test "a size from outside of its pattern is found, in any pattern" do
       for {text, size} <- [
             {"<<a::binary-size(n), _::binary>> = b", "n"},
             {"{:ok, <<a::size(n)>>} = b", "n"},
@@ -46,7 +48,7 @@ defmodule ToolchainsTest do
       end
     end
 
-    test "a size that the pattern binds, and one that builds a bit string, are left alone" do
+    test "a size that the pattern binds, and one in a constructed bit string, are accepted" do
       for text <- [
             "<<n::8, a::binary-size(n), b::size(n * 8), _::binary>> = c",
             "<<n::8, a::n*8>> = c",
@@ -62,7 +64,7 @@ defmodule ToolchainsTest do
   end
 
   describe "Elixir 1.20" do
-    test "finds no attribute to which it gives a meaning of its own" do
+    test "finds no attribute that it reserves" do
       found = for file <- @sources, line <- lines(file, ~r/^\s*@nifs\s/), do: line
       assert found == [], "name the attribute by another word: @nifs declares a module's NIFs"
     end
@@ -80,15 +82,15 @@ defmodule ToolchainsTest do
     end
   end
 
-  # GCC takes C23 for granted from 15 on, and the AprilTag library is older C.
+  # GCC's default is C23 from 15 on, and the AprilTag library is older C.
   describe "a C compiler whose default is C23" do
     @describetag :tmp_dir
     @config ".cargo/config.toml"
     @toolchains ~w(aarch64-nerves-linux-gnu armv6-nerves-linux-gnueabihf armv7-nerves-linux-gnueabihf
                    riscv64-nerves-linux-gnu x86_64-nerves-linux-musl)
 
-    # Wherever a person or a distribution may set flags for this machine; theirs stay, but for the standard.
-    test "builds the AprilTag library, with everybody's own flags too", %{tmp_dir: tmp_dir} do
+    # A person or a distribution may set flags for this machine; only the standard is overridden.
+    test "builds the AprilTag library, also with other flags", %{tmp_dir: tmp_dir} do
       names = ["HOST_CFLAGS", "CFLAGS_" <> String.replace(host(), "-", "_")]
       own = for name <- names, do: {name, "-DOWN_#{name} -std=gnu2x"}
       assert {_, 0} = build("native", tmp_dir, own)
@@ -97,11 +99,11 @@ defmodule ToolchainsTest do
       for line <- compiled, name <- ["CFLAGS" | names], do: assert(line =~ "-DOWN_#{name}")
     end
 
-    test "builds the AprilTag library wherever in the repository cargo is called", context do
+    test "builds the AprilTag library in every folder of the repository", context do
       assert {_, 0} = build("docs", context.tmp_dir, [])
     end
 
-    test "does not without the flags of #{@config}", %{tmp_dir: tmp_dir} do
+    test "fails without the flags of #{@config}", %{tmp_dir: tmp_dir} do
       assert {text, status} =
                build(System.tmp_dir!(), tmp_dir, [{"APRILTAG_SYS_METHOD", "raw,static"}])
 
@@ -109,7 +111,7 @@ defmodule ToolchainsTest do
       assert text =~ "compiled as C23"
     end
 
-    test "is told so for every board's target, beside the flags of the board's system" do
+    test "gets the flag for every board's target, beside the flags of the board's system" do
       config = File.read!(@config)
 
       for toolchain <- @toolchains do
@@ -121,8 +123,8 @@ defmodule ToolchainsTest do
     end
   end
 
-  # Without optimising, which takes long. What the library's build needs is kept for the next; the library itself is built
-  # anew each time, because of the time in its flags.
+  # Without optimisation, which takes long. The dependencies of the library's build are kept. The
+  # library itself is rebuilt each time, because its flags contain the time.
   defp build(folder, tmp_dir, env) do
     System.cmd(
       "cargo",

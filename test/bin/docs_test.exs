@@ -1,5 +1,5 @@
 defmodule Bin.DocsTest do
-  @moduledoc "What `bin/docs` holds the site to. `bin/test docs` builds the whole of it."
+  @moduledoc "Tests the checks of `bin/docs`. `bin/test docs` builds the whole site."
 
   use ExUnit.Case, async: true
 
@@ -20,7 +20,7 @@ defmodule Bin.DocsTest do
     %{site: site}
   end
 
-  test "links that lead somewhere are right, other hosts' too", %{site: site} do
+  test "accepts links that resolve, also to other hosts", %{site: site} do
     page(
       site,
       "b.html",
@@ -30,19 +30,19 @@ defmodule Bin.DocsTest do
     assert check(site) == {"", 0}
   end
 
-  test "a link that leads nowhere is told with its page", %{site: site} do
+  test "reports a broken link with its page", %{site: site} do
     page(site, "b.html", ~s(<a href="guides/c.html">c</a>))
     assert {said, 1} = check(site)
     assert said == "#{real(site)}/b.html: guides/c.html is broken\n"
   end
 
-  test "so is one to a place that its page does not have", %{site: site} do
+  test "reports a link to an anchor that its page does not have", %{site: site} do
     page(site, "b.html", ~s(<a href="guides/a.html#start">a</a>))
     assert {said, 1} = check(site)
     assert said =~ "b.html: guides/a.html#start: that page has no such anchor"
   end
 
-  test "a page that asks another host for anything is wrong", %{site: site} do
+  test "reports a page that loads a file from another host", %{site: site} do
     for {tag, url} <- [
           {~s(<script src="https://cdn.example.org/x.js"></script>),
            "https://cdn.example.org/x.js"},
@@ -56,14 +56,14 @@ defmodule Bin.DocsTest do
     end
   end
 
-  test "what another tool has checked is not read, but linked to", %{site: site} do
+  test "does not read folders that another tool has checked", %{site: site} do
     page(site, "rust/ring.html", ~s(<a href="nowhere.html">x</a>))
     page(site, "b.html", ~s(<a href="rust/ring.html">ring</a>))
     assert check(site, [Path.join(site, "rust")]) == {"", 0}
     assert {_, 1} = check(site)
   end
 
-  test "a wrong call is one line with what is accepted" do
+  test "reports invalid arguments in one line" do
     for arguments <- [~w(--sreve), ~w(--serve eighty), ~w(--serve 80 81)] do
       assert {said, 2} = System.cmd(Path.expand("bin/docs"), arguments, stderr_to_stdout: true)
       assert said =~ "--serve"

@@ -1,5 +1,5 @@
 defmodule Bin.GanglionTest do
-  @moduledoc "The program `ganglion` where a person is: in a checkout, and on a board's console."
+  @moduledoc "Tests the program `ganglion` in a checkout and on a board's console."
 
   use ExUnit.Case, async: true
 
@@ -27,7 +27,7 @@ defmodule Bin.GanglionTest do
              {"2 echo a topic\n", 0}
   end
 
-  test "a board without the program says so" do
+  test "a board without the program reports it" do
     assert {said, 1} = run(@on_a_board, ["topics"], [{"RELEASE_ROOT", "/nowhere"}])
     assert said =~ "cannot find a program at /nowhere/lib/ganglion-*/priv/bin/ganglion"
   end

@@ -1,7 +1,7 @@
 defmodule Bin.SetupTest do
   @moduledoc """
-  `bin/setup` on machines that lack something: its PATH is a folder of stand-ins, of which a test
-  takes some away.
+  Runs `bin/setup` on machines that lack something: its PATH is a folder of stand-ins, and a test
+  removes some of them.
   """
 
   use ExUnit.Case, async: true
@@ -31,12 +31,12 @@ defmodule Bin.SetupTest do
     %{machine: machine}
   end
 
-  test "nothing is said and done where all is there", %{machine: machine} do
+  test "does and prints nothing if nothing is missing", %{machine: machine} do
     for command <- [[], ~w(demo), ~w(test), ~w(check)],
         do: assert(setup_as(:nobody, machine, command) == {"", 0})
   end
 
-  test "a command asks for what it needs and for nothing else", %{machine: machine} do
+  test "a command needs its own tools and no others", %{machine: machine} do
     erlang(machine, ~w(crypto runtime_tools sasl ssh tools))
     for command <- ~w(c++ cmake make pkg-config git python3), do: take_away(machine, command)
 
@@ -52,7 +52,7 @@ defmodule Bin.SetupTest do
              ~w(cmake erlang-dialyzer erlang-proper g++ git make pkg-config python3 python3-venv)
   end
 
-  test "who is not root and has no sudo is told what to ask for", %{machine: machine} do
+  test "a user without root and sudo is told what to ask for", %{machine: machine} do
     take_away(machine, "cmake")
     {said, status} = setup_as(:nobody, machine, [])
     assert status == 1
@@ -62,7 +62,7 @@ defmodule Bin.SetupTest do
     assert done(machine) == []
   end
 
-  test "so is who has a sudo that asks for a password, without a terminal", %{machine: machine} do
+  test "so is a user whose sudo needs a password, without a terminal", %{machine: machine} do
     take_away(machine, "cmake")
     stand_in(machine, "sudo", "exit 1")
     assert {said, 1} = setup_as(:nobody, machine, [])
@@ -83,7 +83,7 @@ defmodule Bin.SetupTest do
     assert install =~ ~r/^install .*--no-install-recommends cmake$/
   end
 
-  test "a step that fails is the last one, and says so", %{machine: machine} do
+  test "a step that fails is the last one, and is reported", %{machine: machine} do
     take_away(machine, "cmake")
     stand_in(machine, "apt-get", "exit 100")
     stand_in(machine, "sudo", ~S(if [ "$1" = -n ]; then shift; fi; exec "$@"))
@@ -103,7 +103,7 @@ defmodule Bin.SetupTest do
              {"setup: [1/1] installing Rust (stable, by rustup)\n", 0}
   end
 
-  test "a Rust that stays too old is told, with the remedy", %{machine: machine} do
+  test "a Rust that stays too old is reported, with the remedy", %{machine: machine} do
     stand_in(machine, "rustc", "echo 'rustc 1.63.0 (4b91a6ea7 2022-08-08)'")
     stand_in(machine, "curl", "echo true")
     File.chmod!(Path.join(machine.folder, "home"), 0o777)
@@ -111,13 +111,13 @@ defmodule Bin.SetupTest do
     assert said =~ "Rust 1.91 or newer is needed, and the first rustc in PATH is rustc 1.63.0"
   end
 
-  test "an Elixir that is too old is told, with what is needed", %{machine: machine} do
+  test "an Elixir that is too old is reported, with the needed version", %{machine: machine} do
     stand_in(machine, "elixir", "echo 1.10.4")
     assert {said, 1} = setup_as(:nobody, machine, ~w(demo))
     assert said =~ "Elixir 1.14 or newer is needed, found 1.10.4"
   end
 
-  test "other systems are told the counterparts of their own manager", %{machine: machine} do
+  test "on other systems, the corresponding packages are printed", %{machine: machine} do
     take_away(machine, "apt-get")
     take_away(machine, "c++")
     erlang(machine, ~w(crypto dialyzer sasl tools))
@@ -137,7 +137,7 @@ defmodule Bin.SetupTest do
     assert said =~ "the counterparts of Debian's packages: erlang-crypto erlang-proper"
   end
 
-  test "a command that is not there is a wrong call", %{machine: machine} do
+  test "an unknown command is an invalid argument", %{machine: machine} do
     assert {said, 2} = setup_as(:nobody, machine, ~w(dmeo))
 
     assert said =~
@@ -146,7 +146,7 @@ defmodule Bin.SetupTest do
     assert {_, 2} = setup_as(:nobody, machine, ~w(demo test))
   end
 
-  test "every command in bin/ asks for itself, and for nobody else" do
+  test "every command in bin/ sets up its own tools, and no others" do
     for file <- Path.wildcard("bin/*"), text = File.read!(file) do
       name = Path.basename(file)
 
@@ -156,7 +156,7 @@ defmodule Bin.SetupTest do
     end
   end
 
-  # What `bin/setup` asks for, without what it says around that.
+  # The packages that `bin/setup` installs, without its other output.
   defp asked(machine, arguments) do
     {said, 1} = setup_as(:nobody, machine, arguments)
     [_, packages] = Regex.run(~r/--no-install-recommends (.*)$/m, said)
@@ -189,7 +189,7 @@ defmodule Bin.SetupTest do
     end
   end
 
-  # Nobody must get through to the folder; the folders of a run are their owner's alone.
+  # The folder of a run belongs to its owner; the user nobody has to reach it.
   defp open_way("/"), do: :ok
 
   defp open_way(folder) do
@@ -201,7 +201,7 @@ defmodule Bin.SetupTest do
   defp erlang(machine, applications),
     do: stand_in(machine, "erl", "echo #{Enum.join(applications, " ")} ''")
 
-  # A command that notes how it was called, if it may.
+  # A stand-in that records its arguments, if it may be called.
   defp stand_in(machine, name, does \\ nil) do
     file = Path.join(machine.path, name)
     note = ~s([ ! -w "#{machine.folder}/done" ] || echo "$@" >>"#{machine.folder}/done")

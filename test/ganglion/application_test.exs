@@ -1,5 +1,5 @@
 defmodule Ganglion.ApplicationTest do
-  # What is killed here serves all robots of the VM.
+  # The processes that are killed here serve all robots of the VM.
   use ExUnit.Case, async: false
 
   import BB.Test.Eventually
@@ -41,7 +41,7 @@ defmodule Ganglion.ApplicationTest do
   ]
 
   defmodule Wires do
-    @moduledoc "The wires of a bus, which do not end with the application."
+    @moduledoc "A bus backend that does not end with the application."
 
     def open(name, _opts), do: {:ok, name}
     def close(_bus), do: :ok
@@ -66,8 +66,7 @@ defmodule Ganglion.ApplicationTest do
   defp kill_supervisor, do: Application.kill(Process.whereis(Ganglion.Supervisor))
   defp kill_host, do: Application.kill(Application.host())
 
-  # A robot that another application might have started: with a handler and a voucher of its own
-  # outside of its tree.
+  # A robot of another application: with a handler and a voucher outside of its tree.
   defp outside do
     robot = declared()
     test = self()
@@ -123,7 +122,7 @@ defmodule Ganglion.ApplicationTest do
   defp runs(robot), do: {Brake.runs(robot, @a), Brake.runs(robot, @apart)}
   defp warden(robot), do: Process.whereis(Module.concat(robot, "Safety"))
 
-  # It is armed, and the death of who vouches for it shows that somebody watches.
+  # It is armed, and the death of its voucher disarms it.
   defp assert_watched(%{robot: robot, voucher: voucher}) do
     assert Safety.armed?(robot)
     assert runs(robot) == {0, 0}
@@ -136,7 +135,7 @@ defmodule Ganglion.ApplicationTest do
     assert runs(robot) == {1, 1}
   end
 
-  # It can be armed and disarmed as if nothing had been.
+  # It can be armed and disarmed as before.
   defp assert_usable(robot) do
     before = runs(robot)
     assert Safety.arm(robot) == :ok
@@ -144,9 +143,9 @@ defmodule Ganglion.ApplicationTest do
     assert runs(robot) == {elem(before, 0) + 1, elem(before, 1) + 1}
   end
 
-  describe "a robot that another application has started and armed" do
+  describe "a robot of another application that is armed" do
     for name <- @always ++ @safety do
-      test "is armed and watched however often #{inspect(name)} is killed" do
+      test "is armed and monitored however often #{inspect(name)} is killed" do
         outside = outside()
         application = Process.whereis(Ganglion.Supervisor)
         Application.kill(unquote(name), 12)
@@ -157,7 +156,7 @@ defmodule Ganglion.ApplicationTest do
       end
     end
 
-    test "is armed and watched whichever process of the application is killed" do
+    test "is armed and monitored whichever process of the application is killed" do
       outside = outside()
       application = Process.whereis(Ganglion.Supervisor)
 
@@ -172,7 +171,7 @@ defmodule Ganglion.ApplicationTest do
       assert Process.whereis(Ganglion.Supervisor) == application
     end
 
-    # Where the bus is opened by the handler, or had been before by another process.
+    # The handler opens the bus, or another process has opened it before.
     for opened <- [:anew, :before] do
       test "is made safe over its bus (opened #{opened}) however the application ends" do
         for {how, ending} <- [
@@ -191,7 +190,7 @@ defmodule Ganglion.ApplicationTest do
           Brake.script(outside.robot, @a,
             disarm: fn _opts ->
               with {:ok, wires} <- open.(),
-                   # As long as it takes the application's processes to end.
+                   # The time that the application's processes take to end.
                    :ok <- Process.sleep(:rand.uniform(20) - 1),
                    :ok <- I2C.write(wires, 0x40, <<0>>),
                    {:ok, <<0>>} <- I2C.write_read(wires, 0x40, <<0>>, 1),
@@ -210,7 +209,7 @@ defmodule Ganglion.ApplicationTest do
       end
     end
 
-    test "is watched when all of safety is killed at once" do
+    test "is monitored when all of safety is killed at once" do
       outside = outside()
       for name <- @safety ++ [BB.Safety.Anchor], do: Process.exit(Process.whereis(name), :kill)
       assert eventually(fn -> Enum.all?(@safety, &Process.whereis/1) end, 30_000)
@@ -218,7 +217,7 @@ defmodule Ganglion.ApplicationTest do
     end
 
     for {how, ending} <- @ends do
-      test "is disarmed when the application #{how}, and armed again after its restart" do
+      test "is disarmed when the application #{how}, and can be armed after its restart" do
         %{robot: robot, root: root, voucher: voucher} = outside()
         unquote(ending)
         Application.await_end()
@@ -235,7 +234,7 @@ defmodule Ganglion.ApplicationTest do
       end
     end
 
-    test "is disarmed by each end of the application, however often it is started again" do
+    test "is disarmed by each end of the application, however often it restarts" do
       %{robot: robot} = outside()
 
       for n <- 1..5 do
@@ -248,7 +247,7 @@ defmodule Ganglion.ApplicationTest do
       end
     end
 
-    test "and whose handler is slow holds up the application, not other robots" do
+    test "with a slow handler delays the application, not other robots" do
       slow = outside()
       quick = outside()
       test = self()
@@ -271,7 +270,7 @@ defmodule Ganglion.ApplicationTest do
     end
   end
 
-  test "a robot that is armed when another application's process takes safety over is disarmed" do
+  test "a robot that is armed when another application takes safety over is disarmed" do
     %{robot: robot} = outside()
     host = spawn(fn -> Safety.Host.enter() && Process.sleep(:infinity) end)
     assert_disarmed_once(robot)
@@ -322,7 +321,7 @@ defmodule Ganglion.ApplicationTest do
       end
     end
 
-    test "spends nobody else's restarts, however often it is killed", %{robot: robot} do
+    test "uses up no other restarts, however often it is killed", %{robot: robot} do
       others = others([robot], robot)
       Application.kill(robot, 8)
       await_up(robot)
@@ -331,11 +330,11 @@ defmodule Ganglion.ApplicationTest do
       assert runs(robot) == {1, 1}
     end
 
-    test "that cannot be started for a while fails nobody else", %{robot: robot} do
+    test "that cannot be started for a while fails no other process", %{robot: robot} do
       others = others([robot], robot)
       {[^robot], bulkhead} = List.keyfind(Application.tree(Ganglion.Supervisor), [robot], 0)
       holder = eventually(fn -> take_name(robot) end, 30_000)
-      # It waits as long as that after some eight attempts.
+      # It waits that long after some eight attempts.
       assert eventually(fn -> waited_ms(bulkhead) >= 128 end, 30_000)
       assert others([robot], robot) == others
       Agent.stop(holder)

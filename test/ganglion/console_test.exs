@@ -57,7 +57,7 @@ defmodule Ganglion.ConsoleTest do
     BB.Message.new!(Range, :range, fields)
   end
 
-  # What a function prints; every line of it fits a terminal, and arrives over `ssh host '…'` too.
+  # The output of a function; every line fits a terminal, and arrives over `ssh host '…'` too.
   defp shown(fun) do
     text = capture_io(fn -> assert fun.() == :ok end)
     for line <- String.split(text, "\n"), do: assert(String.length(line) <= 80, line)
@@ -66,7 +66,7 @@ defmodule Ganglion.ConsoleTest do
     text
   end
 
-  test "sensors and health show each sensor and why it is down", %{robot: robot} do
+  test "sensors and health show each sensor and its error", %{robot: robot} do
     BB.publish(robot, [:sensor, :base_link, :range], range())
     assert shown(fn -> Console.sensors(robot) end) =~ ~r/range +up +\d+\.\d +- +\d+ ms +0/
     assert shown(fn -> Console.sensors(robot) end) =~ ~r/\nquiet: {:a_very_long_reason,\n/
@@ -75,12 +75,12 @@ defmodule Ganglion.ConsoleTest do
     assert health =~ ~r/range +yes +up/
   end
 
-  test "topics shows what was published", %{robot: robot} do
+  test "topics shows the streams", %{robot: robot} do
     BB.publish(robot, [:sensor, :base_link, :range], range())
     assert shown(fn -> Console.topics(robot) end) =~ ~r"sensor/base_link/range +Sensor.Range"
   end
 
-  test "watch shows what is published meanwhile, and leaves nothing in the mailbox", %{
+  test "watch shows messages, and leaves none in the mailbox", %{
     robot: robot
   } do
     {:ok, publisher} = Task.start_link(fn -> publish_for_ever(robot) end)
@@ -98,7 +98,7 @@ defmodule Ganglion.ConsoleTest do
   test "ring shows the topics in shared memory" do
     topic = BB.Test.Native.topic("console")
     {:ok, publisher} = BB.Ring.Publisher.open(topic)
-    # A name as long as that of a test's topic is cut off.
+    # A name as long as a test's topic is cut.
     shown_name = topic |> String.slice(0, 12) |> Regex.escape()
     assert shown(fn -> Console.ring() end) =~ ~r/^#{shown_name}\S* +live +0 +16/m
     BB.Ring.Publisher.close(publisher)
@@ -109,7 +109,7 @@ defmodule Ganglion.ConsoleTest do
     assert shown(fn -> Console.params([], robot) end) =~ ~r/debug +true +false +:boolean/
   end
 
-  test "arm, disarm, estop and release say how the robot is then", %{robot: robot} do
+  test "arm, disarm, estop and release print the new state", %{robot: robot} do
     name = inspect(robot)
     assert shown(fn -> Console.arm(robot) end) == "#{name} is armed\n"
     assert shown(fn -> Console.arm(robot) end) =~ "already_armed"
@@ -138,7 +138,7 @@ defmodule Ganglion.ConsoleTest do
       %{memory: memory, board: {Memory, memory}, folder: folder}
     end
 
-    test "starts the firmware before, and leaves its story", %{folder: folder} do
+    test "starts the previous firmware, and records it in the story", %{folder: folder} do
       assert shown(fn -> Console.revert(folder) end) =~ "restarts with the firmware 1.0.0"
       assert_receive {Memory, :revert}
       text = shown(fn -> Console.firmware(:no_guard, folder) end)
@@ -148,7 +148,7 @@ defmodule Ganglion.ConsoleTest do
       assert text =~ ~r/latest events:\n.*is reverted\s+by a\s+person/
     end
 
-    test "never starts firmware that did not stay when it was tried", context do
+    test "never starts firmware that failed its trial", context do
       %{folder: folder, board: board} = context
       old = start_firmware("old", :unvalidated)
       assert :ok = Trial.begin(folder, old, "first")
@@ -157,7 +157,7 @@ defmodule Ganglion.ConsoleTest do
 
       assert Trial.refused?(folder, "old")
       assert shown(fn -> Console.revert(folder) end) =~ "the other slot has no firmware"
-      # The slot may be as it was, where the board could not close it.
+      # The slot may still have the firmware, if the board could not close it.
       put_other(context.memory, %{"nerves_fw_uuid" => "old", "nerves_fw_version" => "1.0.0"})
       assert shown(fn -> Console.revert(folder) end) =~ "refused: the firmware 1.0.0 in the other"
       assert shown(fn -> Console.firmware(:no_guard, folder) end) =~ "1.0.0, which was refused"
@@ -170,7 +170,7 @@ defmodule Ganglion.ConsoleTest do
       refute_received {Memory, :revert}
     end
 
-    test "says when the board does not", %{memory: memory, folder: folder} do
+    test "reports a board that fails to revert", %{memory: memory, folder: folder} do
       Memory.answer(memory, :revert, {:error, :enospc})
       assert shown(fn -> Console.revert(folder) end) =~ "did not revert: no space left on device"
     end
@@ -185,7 +185,7 @@ defmodule Ganglion.ConsoleTest do
   end
 
   @tag :tmp_dir
-  test "firmware shows the guard, and why the firmware before was reverted", %{tmp_dir: folder} do
+  test "firmware shows the guard, and the report of the reverted firmware", %{tmp_dir: folder} do
     text = shown(fn -> Console.firmware(:no_guard, folder) end)
     assert text =~ ~r/validation +unknown/ and text =~ ~r/guard +is not running/
 
@@ -203,10 +203,10 @@ defmodule Ganglion.ConsoleTest do
              "required: ring: was never good"
   end
 
-  test "i2c_scan shows who answers" do
+  test "i2c_scan shows the addresses that answer" do
     bus = "console-#{System.unique_integer([:positive])}"
 
-    # The second one answers no reading of a single byte.
+    # The second device does not answer a read of a single byte.
     devices = %{0x68 => {BB.Bus.Sim.Mpu6050, []}, 0x40 => {BB.Bus.Sim.Ina219, []}}
     start_supervised!({BB.Bus.Sim, buses: %{bus => [devices: devices]}})
 
@@ -219,14 +219,14 @@ defmodule Ganglion.ConsoleTest do
     def bus_names, do: ["full"]
   end
 
-  test "an error of the kernel is told in words" do
+  test "an error of the kernel is explained" do
     before = Application.get_env(:ganglion, :i2c)
     Application.put_env(:ganglion, :i2c, FullBus)
     on_exit(fn -> Application.put_env(:ganglion, :i2c, before) end)
     assert shown(fn -> Console.i2c_scan("full") end) =~ "no space left on device"
   end
 
-  test "nothing raises when the robot is not started, or what is asked for is nonsense" do
+  test "nothing raises for a robot that is not started or invalid arguments" do
     for fun <- [
           &Console.sensors/1,
           &Console.health/1,
@@ -246,7 +246,7 @@ defmodule Ganglion.ConsoleTest do
     assert capture_io(fn -> Console.i2c_scan(:nonsense) end) != ""
   end
 
-  test "the rows of the message of the day tell of the robot, also of one that is not started", %{
+  test "the message of the day has rows for the robot, also if it is not started", %{
     robot: robot
   } do
     assert [[{"Robot", "disarmed"}, {"Sensors", "1 of 2 up"}], [{"Guard", "not running"}]] =
@@ -256,7 +256,7 @@ defmodule Ganglion.ConsoleTest do
              Console.motd_rows(NoRobot)
   end
 
-  test "no row of the message of the day has the label of a row that Nerves has" do
+  test "no row of the message of the day has the label of one of Nerves' rows" do
     labels = for row <- Console.motd_rows(), {label, _text} <- row, do: label
     nerves = ["Serial", "Uptime", "Clock", "Firmware", "Applications", "Memory usage"]
     nerves = nerves ++ ["Part usage", "Load average", "Temperature", "Hostname", "Platform"]
@@ -264,7 +264,7 @@ defmodule Ganglion.ConsoleTest do
     for label <- labels, do: assert(String.length(label) <= 12)
   end
 
-  test "IEx shows no result, and nothing but IEx is told so", %{robot: robot} do
+  test "IEx hides the result, and other callers get :ok", %{robot: robot} do
     assert capture_io(fn -> assert Console.sensors(robot) == :ok end) =~ "range"
 
     capture_io(fn ->
@@ -286,7 +286,7 @@ defmodule Ganglion.ConsoleTest do
     assert text =~ ~r/linear_acceleration\s+0.0\s+0.0\s+9.81/
   end
 
-  # Published once it is watched.
+  # The message is published once it is watched.
   defp watched(robot, path, message) do
     test = self()
 
@@ -303,14 +303,14 @@ defmodule Ganglion.ConsoleTest do
     text
   end
 
-  test "no name of the console's is one of IEx's helpers" do
+  test "no function of the console has the name of an IEx helper" do
     names = &MapSet.new(Keyword.keys(&1))
     ours = names.(Console.__info__(:functions))
     assert MapSet.disjoint?(ours, names.(IEx.Helpers.__info__(:functions)))
     assert MapSet.disjoint?(ours, names.(IEx.Helpers.__info__(:macros)))
   end
 
-  test "the board's iex.exs runs where only the console is there" do
+  test "the board's iex.exs runs if only the console is available" do
     code =
       "import IEx.Helpers\n" <>
         File.read!("rootfs_overlay/etc/iex.exs") <> "\nfirmware(:no_guard)"

@@ -16,19 +16,21 @@ defmodule Ganglion.DemoTest do
   describe "the command line" do
     @describetag :tmp_dir
 
-    test "relative paths count from where the caller stands", %{tmp_dir: dir} do
+    test "relative paths are relative to the caller's folder", %{tmp_dir: dir} do
       File.write!(Path.join(dir, "walk.csv"), "")
       argv = ~w(--seconds 3 --imu walk.csv --frames . --json)
       expected = %Options{seconds: 3, imu: Path.join(dir, "walk.csv"), frames: dir, json: true}
       assert {:ok, ^expected} = Options.parse(argv, dir)
     end
 
-    test "the machine's own buses are asked for, and by which name", %{tmp_dir: dir} do
+    test "--real and --bus select the machine's own buses", %{tmp_dir: dir} do
       assert {:ok, %Options{real: true, bus: nil}} = Options.parse(~w(--real), dir)
       assert {:ok, %Options{bus: "i2c-7"}} = Options.parse(~w(--real --bus i2c-7), dir)
     end
 
-    test "a mistake is a sentence that says what was given and what is accepted", %{tmp_dir: dir} do
+    test "invalid arguments return a sentence with what was given and what is expected", %{
+      tmp_dir: dir
+    } do
       for {argv, words} <- [
             {~w(--bogus), ["--bogus", "--seconds N"]},
             {~w(extra), ["extra", "--seconds N"]},
@@ -51,7 +53,7 @@ defmodule Ganglion.DemoTest do
     end
   end
 
-  test "shows any robot: the one that is named, or else its caller's" do
+  test "shows any robot: the named one, or the caller's" do
     robot = a_robot()
     assert {:ok, %{robot: ^robot}} = Options.parse(["--robot", inspect(robot)], "/")
     assert {:ok, %{robot: ^robot}} = Options.parse([], "/", robot)
@@ -61,7 +63,7 @@ defmodule Ganglion.DemoTest do
   end
 
   describe "the declaration of a robot" do
-    test "names its topics, what carries them, and where its output can be seen" do
+    test "has its topics, the components that use them, and their outputs" do
       assert Declaration.topics(Ganglion.Robot) |> Enum.sort() == ~w(camera imu tags)
       assert Declaration.carriers(Ganglion.Robot) |> Enum.sort() == [:imu_outlet, :tags_inlet]
 
@@ -71,7 +73,7 @@ defmodule Ganglion.DemoTest do
       assert Declaration.vision?(Ganglion.Robot)
     end
 
-    test "follows publishes, and leaves out what is not declared" do
+    test "follows publishes, and leaves out outputs that are not declared" do
       robot = a_robot()
       assert Declaration.name(robot) == "stranger"
       assert Declaration.topics(robot) == ~w(scans map pose)
@@ -168,7 +170,7 @@ defmodule Ganglion.DemoTest do
       {:ok, view: view}
     end
 
-    test "counts each sensor by its path, or by its ring topic, also when that was made anew", %{
+    test "counts each sensor by its path or its ring topic, also a recreated one", %{
       view: view
     } do
       assert %{bumper: bumper, camera: camera} = Report.summary(view).sensors
@@ -179,7 +181,7 @@ defmodule Ganglion.DemoTest do
       assert %{state: :backoff, published: 40, restarts: 2, error: "the program" <> _} = camera
     end
 
-    test "has frames, latency, and what the ring lost for all its readers", %{view: view} do
+    test "has frames, latency, and the losses of all readers of the ring", %{view: view} do
       assert %{vision: vision, ring: ring} = Report.summary(view)
       assert vision == %{frames: 1, detections: 0, p50_us: 20_000, p99_us: 20_000}
       assert ring == %{lost: 4, torn: 2}
@@ -194,7 +196,7 @@ defmodule Ganglion.DemoTest do
       assert summary |> Ganglion.Json.encode() |> IO.iodata_to_binary() =~ ~s("p50_us":null)
     end
 
-    test "the screen shows the last value of a payload that it does not know", %{view: view} do
+    test "the screen shows the last value of an unknown payload", %{view: view} do
       payload = %Message.Sensor.BatteryState{voltage: 12.0, percentage: 0.5}
       contact = Message.new!(Message.Sensor.Contact, :bumper, pressed: true)
       message = %{contact | payload: payload}
@@ -224,21 +226,21 @@ defmodule Ganglion.DemoTest do
   describe "bin/demo" do
     @demo Path.expand("../../bin/demo", __DIR__)
 
-    test "tells how it is used" do
+    test "prints its usage" do
       assert {text, 0} = System.cmd(@demo, ["--help"])
 
       for option <- ~w(--seconds --robot --real --bus --imu --frames --json),
           do: assert(text =~ option)
     end
 
-    test "shows a person a robot by its name, with its sensors, and a summary" do
+    test "shows a robot by its name, with its sensors, and a summary" do
       assert {text, 0} = System.cmd(@demo, ~w(--seconds 2), stderr_to_stdout: true)
       assert text =~ ~r/^ganglion, \d+ s /m
       assert text =~ ~r/^imu +up /m
       assert text =~ ~r/^summary after /m
     end
 
-    test "says in one sentence that a bus of the machine is not there, and what to do" do
+    test "reports a missing bus of the machine in one sentence, with the remedy" do
       {text, status} =
         System.cmd(@demo, ~w(--real --bus i2c-of-nobody --seconds 1), stderr_to_stdout: true)
 

@@ -1,6 +1,7 @@
 defmodule Ganglion.NewTest do
   @moduledoc """
-  What `mix ganglion.new` writes and what it refuses. Whether a project works is `test/new_test.exs`, which builds some.
+  Tests the files that `mix ganglion.new` writes, and its errors. `test/new_test.exs` builds and
+  runs projects.
   """
 
   use ExUnit.Case, async: true
@@ -16,7 +17,7 @@ defmodule Ganglion.NewTest do
   @here File.cwd!()
 
   describe "a project" do
-    test "has the names of its folder", %{tmp_dir: dir} do
+    test "has the name of its folder", %{tmp_dir: dir} do
       assert {:ok, report} = new(dir, ["my_rover"])
       assert report =~ "MyRover is in my_rover"
       assert read(dir, "my_rover/lib/my_rover.ex") =~ ~r/^defmodule MyRover do$/m
@@ -25,14 +26,14 @@ defmodule Ganglion.NewTest do
       assert read(dir, "my_rover/config/target.exs") =~ ~s("my-rover")
     end
 
-    test "may have another module, and be in an empty folder", %{tmp_dir: dir} do
+    test "may have another module name, and may be in an empty folder", %{tmp_dir: dir} do
       File.mkdir!(Path.join(dir, "rover"))
       assert {:ok, _} = new(dir, ["rover", "--module", "Lab.Rover7"])
       assert read(dir, "rover/lib/rover.ex") =~ ~r/^defmodule Lab.Rover7 do$/m
       assert read(dir, "rover/bin/demo") =~ "robot: Lab.Rover7"
     end
 
-    test "is Elixir that needs no formatting, whatever its names and parts", %{tmp_dir: dir} do
+    test "is formatted Elixir, for any names and parts", %{tmp_dir: dir} do
       long = String.duplicate("VeryLong", 8)
 
       for {options, number} <-
@@ -65,7 +66,7 @@ defmodule Ganglion.NewTest do
       end
     end
 
-    test "has commands and scripts that can be run, in a shell's syntax", %{tmp_dir: dir} do
+    test "has executable commands and scripts with valid syntax", %{tmp_dir: dir} do
       assert {:ok, _} = new(dir, ["rover"])
       project = Path.join(dir, "rover")
 
@@ -88,7 +89,7 @@ defmodule Ganglion.NewTest do
       end
     end
 
-    test "finds where Ganglion is, on however many lines mix.exs says that", %{tmp_dir: dir} do
+    test "finds the path of Ganglion, on any number of lines in mix.exs", %{tmp_dir: dir} do
       long = "git:https://example.org/" <> String.duplicate("a/", 40) <> "ganglion.git"
 
       for {from, option, found} <- [
@@ -107,14 +108,14 @@ defmodule Ganglion.NewTest do
       end
     end
 
-    test "takes from the repository's own robot what both share", %{tmp_dir: dir} do
+    test "copies the files that it shares with this repository", %{tmp_dir: dir} do
       assert {:ok, _} = new(dir, ["rover"])
 
       for file <- ~w(rel/vm.args.eex rootfs_overlay/etc/iex.exs firmware/provisioning.conf),
           do: assert(read(dir, "rover/" <> file) == File.read!(file))
     end
 
-    test "calls Ganglion's scripts, for its own keys", %{tmp_dir: dir} do
+    test "calls Ganglion's scripts with its own keys", %{tmp_dir: dir} do
       assert {:ok, _} = new(dir, ["rover"])
       script = Path.join(dir, "rover/firmware/scripts/sign")
       assert {"usage: firmware/scripts/sign" <> _, 0} = System.cmd(script, ["--help"])
@@ -123,7 +124,7 @@ defmodule Ganglion.NewTest do
       assert text =~ Path.join(dir, "rover/firmware/keys/firmware.priv") <> " is missing"
     end
 
-    test "is for the boards that are asked for, or for all", %{tmp_dir: dir} do
+    test "supports the given boards, or all", %{tmp_dir: dir} do
       assert {:ok, _} = new(dir, ["some", "--target", "rpi4,bbb", "--target", "rpi4"])
       mix = read(dir, "some/mix.exs")
 
@@ -136,7 +137,7 @@ defmodule Ganglion.NewTest do
       assert read(dir, "all/README.md") =~ "`armv7-unknown-linux-gnueabihf`"
     end
 
-    test "with Python is for the host alone", %{tmp_dir: dir} do
+    test "with Python is for the host only", %{tmp_dir: dir} do
       assert {:ok, _} = new(dir, ["rover", "--native", "python"])
       refute read(dir, "rover/mix.exs") =~ "nerves"
 
@@ -152,8 +153,8 @@ defmodule Ganglion.NewTest do
       refute read(dir, "rover/lib/rover.ex") =~ "ranger"
     end
 
-    # As Mix reads it, on the way to the dependencies.
-    test "has its boards' configuration from Ganglion, and none before Ganglion is there", %{
+    # The file as Mix reads it, before the dependencies are fetched.
+    test "imports its boards' configuration from Ganglion, once Ganglion is fetched", %{
       tmp_dir: dir
     } do
       assert {:ok, _} = new(dir, ["near", "--from", @here])
@@ -170,7 +171,7 @@ defmodule Ganglion.NewTest do
       assert far[:ganglion] == [robot: Far]
     end
 
-    # In a VM of its own: Mix has one project at a time. Nerves' archive is not there.
+    # In a VM of its own, because Mix has one project at a time. Nerves' archive is not installed.
     defp target_config(project) do
       code = """
       Mix.start()
@@ -186,7 +187,7 @@ defmodule Ganglion.NewTest do
   end
 
   describe "the dependency on Ganglion" do
-    test "is the checkout that asks, by a path that leads there", %{tmp_dir: dir} do
+    test "is by default the running checkout, by a relative path", %{tmp_dir: dir} do
       assert {:ok, _} = new(dir, ["deep/er/rover"])
 
       assert {:ok, {:path, path}} =
@@ -198,7 +199,7 @@ defmodule Ganglion.NewTest do
       assert read(dir, "deep/er/rover/native/Cargo.toml") =~ ~s("../#{path}/native/conduit_ring")
     end
 
-    test "leads there from behind a symbolic link", %{tmp_dir: dir} do
+    test "is a path that resolves behind a symbolic link", %{tmp_dir: dir} do
       File.mkdir_p!(Path.join(dir, "a/b"))
       File.ln_s!(Path.join(dir, "a/b"), Path.join(dir, "link"))
 
@@ -219,7 +220,7 @@ defmodule Ganglion.NewTest do
       assert Dependency.entry(git) == ~s({:ganglion, git: "#{url}", ref: "v1"})
     end
 
-    test "that is a folder's git is named by its whole path", %{tmp_dir: dir} do
+    test "on a git folder has its absolute path", %{tmp_dir: dir} do
       File.mkdir!(Path.join(dir, "clone"))
 
       assert {:ok, {:git, url, nil}} =
@@ -229,7 +230,7 @@ defmodule Ganglion.NewTest do
     end
   end
 
-  test "a mistake is one sentence with what is accepted, and nothing is written", %{tmp_dir: dir} do
+  test "invalid arguments return one sentence, and nothing is written", %{tmp_dir: dir} do
     File.mkdir!(Path.join(dir, "full"))
     File.write!(Path.join(dir, "full/file"), "")
     before = tree(dir)
@@ -277,7 +278,7 @@ defmodule Ganglion.NewTest do
     end
   end
 
-  test "bin/new says a mistake on standard error and fails; mix ganglion.new as well", %{
+  test "bin/new and mix ganglion.new print an error on standard error and fail", %{
     tmp_dir: dir
   } do
     for {command, arguments, cd} <- [
@@ -286,11 +287,11 @@ defmodule Ganglion.NewTest do
         ] do
       said = Path.join(dir, "said")
       shell = ~s(exec "$0" "$@" 2>"#{said}")
-      # What bin/test tells of where its caller stands is not where this one does.
+      # bin/test exports its caller's folder, which is not this test's.
       opts = [cd: cd, env: [{"GANGLION_CALLER_DIR", nil}]]
       {printed, status} = System.cmd("bash", ["-c", shell, command | arguments], opts)
       assert {printed, status} == {"", 1}
-      # Where Mix compiles first, that is heard before.
+      # If Mix compiles first, its output precedes the error.
       lines = said |> File.read!() |> String.split("\n", trim: true)
       assert [line] = if(command == "mix", do: Enum.take(lines, -1), else: lines)
       assert line =~ "none, rust or python"

@@ -5,7 +5,7 @@ defmodule Ganglion.Console.PayloadTest do
 
   doctest Payload
 
-  # Any payload may be published: each of ours, and what a robot of others makes.
+  # Any payload may be published, also that of a user's robot.
   test "every payload is one line with its numbers" do
     for module <- payloads() do
       line = Payload.line(struct(module, filled(module)))
@@ -14,7 +14,7 @@ defmodule Ganglion.Console.PayloadTest do
     end
   end
 
-  test "what is long or no text is cut, and nothing raises" do
+  test "long values and bytes are cut, and no value raises" do
     assert Payload.line(%{ranges: Enum.to_list(1..100)}) =~ "1, 2"
     assert Payload.line(Enum.to_list(1..100)) == "1 2 3 4 5 6 ... (100)"
     assert Payload.line(<<0::800>>) == "<100 bytes>"

@@ -18,11 +18,11 @@ defmodule Ganglion.Console.PlainTest do
     end
   end
 
-  test "bytes that are no text are shown as Elixir writes them" do
+  test "bytes that are no text are inspected" do
     assert Plain.line(<<0xFF, 0xFE>>) == "<<255, 254>>"
   end
 
-  test "errors of the kernel are words, however they are written" do
+  test "errors of the kernel are explained in any form" do
     for error <- [{:errno, 28}, :enospc] do
       assert Plain.format_error(error) == "no space left on device"
     end

@@ -5,7 +5,7 @@ defmodule Ganglion.Robots.AllTest do
 
   @drivers_without_device [BB.Sensor.System]
 
-  test "has twelve devices, each wired to something of its own" do
+  test "has twelve devices, each in a place of its own" do
     sensors = for component <- All.robot().components, do: component
     wired = for s <- sensors, s.module not in @drivers_without_device, do: s.name
     assert length(sensors) == 12
@@ -27,7 +27,7 @@ defmodule Ganglion.Robots.AllTest do
     assert (shipped -- [BB.Sensor.Polled]) -- used == []
   end
 
-  test "each declares a rate, and how long it may be silent" do
+  test "each declares a rate and a max_silence" do
     for component <- All.robot().components do
       assert Code.ensure_loaded?(component.module) and
                function_exported?(component.module, :rate, 1)

@@ -1,7 +1,7 @@
 defmodule Mix.Tasks.Compile.CargoTest do
   @moduledoc """
-  The Mix compiler for crates: which Rust target a board's toolchain means, what cargo is given, and
-  what becomes of what it builds, in this project and in one that depends on it.
+  Tests the Mix compiler for crates: the Rust target of a toolchain, the arguments of cargo, and
+  the installed files, in this project and in a project that depends on it.
   """
 
   use ExUnit.Case, async: true
@@ -11,7 +11,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
 
   doctest Cargo
 
-  # The prefix of the C cross-compiler that each board's system brings, and Rust's name for the same.
+  # The prefix of each board's C cross-compiler, and the Rust target.
   @boards [
     rpi3: {"armv7-nerves-linux-gnueabihf", "armv7-unknown-linux-gnueabihf"},
     rpi4: {"aarch64-nerves-linux-gnu", "aarch64-unknown-linux-gnu"},
@@ -28,16 +28,16 @@ defmodule Mix.Tasks.Compile.CargoTest do
       end
     end
 
-    test "of the other toolchains of Nerves is known too" do
+    test "of Nerves' other toolchains is known too" do
       assert Cargo.triple("armv6-nerves-linux-gnueabihf") == "arm-unknown-linux-gnueabihf"
       assert Cargo.triple("riscv64-nerves-linux-gnu") == "riscv64gc-unknown-linux-gnu"
     end
 
-    test "without CROSSCOMPILE is none: the machine that builds" do
+    test "without CROSSCOMPILE is nil, for the host" do
       assert Cargo.triple(nil) == nil
     end
 
-    test "of an unknown toolchain is refused, with what is known" do
+    test "of an unknown toolchain raises with the known ones" do
       error = assert_raise Mix.Error, fn -> Cargo.triple("/bin/mips-unknown-elf") end
       assert error.message =~ ~s("mips-unknown-elf")
       assert error.message =~ "aarch64-nerves-linux-gnu"
@@ -55,7 +55,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
       "HOME" => "/home/ada"
     }
 
-    test "is untouched for the machine that builds" do
+    test "is unchanged for the host" do
       assert Cargo.env(nil, @toolchain) == []
     end
 
@@ -64,7 +64,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
       assert env["CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER"] == @toolchain["CC"]
     end
 
-    test "gives the board's compiler and flags by the triple's names, and to nobody else" do
+    test "passes the board's compiler and flags by the triple's names only" do
       env = Cargo.env("aarch64-unknown-linux-gnu", @toolchain)
 
       for name <- ~w(CC CXX AR CFLAGS CXXFLAGS) do
@@ -76,7 +76,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
       assert Enum.all?(env, fn {_name, value} -> value != "/home/ada" end)
     end
 
-    test "leaves out what the toolchain does not say" do
+    test "leaves out variables that the toolchain does not set" do
       env = Cargo.env("armv7-unknown-linux-gnueabihf", %{"CC" => "gcc"})
       given = for {name, value} when value != nil <- env, do: name
 
@@ -86,7 +86,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
              ]
     end
 
-    test "links musl's C runtime dynamically, without which there is no library to load" do
+    test "links musl's C runtime dynamically, which a library needs" do
       env = Map.new(Cargo.env("x86_64-unknown-linux-musl", @toolchain))
 
       assert env["CARGO_TARGET_X86_64_UNKNOWN_LINUX_MUSL_RUSTFLAGS"] ==
@@ -99,7 +99,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
 
     defp crates(cargo \\ @ours, asked), do: Crates.new(:rover, cargo, asked)
 
-    test "are all of the project's without a configuration" do
+    test "are all crates of the project without a configuration" do
       assert {:ok, crates} = crates(nil)
       assert crates.packages == ~w(our_nif guard camera tags)
 
@@ -111,7 +111,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
              ]
     end
 
-    test "are those that the configuration asks for, by atom or text, and what always is" do
+    test "are those of the configuration, by atom or string, and the ones of always:" do
       for asked <- [[:tags], ["tags"]] do
         assert {:ok, crates} = crates(asked)
         assert crates.packages == ~w(our_nif guard tags)
@@ -130,7 +130,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
              ]
     end
 
-    test "may have a package with another name than its program, and a dash in a library's" do
+    test "may have a package with another name than its program, and a dash in a library's name" do
       assert {:ok, crates} = crates([nif: "rover-nif", programs: [{"tools", "detector"}]], nil)
       assert crates.packages == ~w(rover-nif tools)
 
@@ -140,7 +140,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
              ]
     end
 
-    test "that are not there are refused, with those that are" do
+    test "unknown programs are an error that lists the known ones" do
       for {asked, got} <- [{[:kamera, :tags], "[:kamera]"}, {:camera, ":camera"}, {[1], "[1]"}] do
         assert {:error, sentence} = crates(asked)
         assert sentence =~ "config :rover, programs: expected a list of :camera, :tags, got: "
@@ -148,7 +148,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
       end
     end
 
-    test "of options that are wrong are refused in words" do
+    test "invalid options are an error" do
       for {cargo, words} <- [
             {nil, "add `cargo: [path:"},
             {:native, "expected keywords"},
@@ -177,14 +177,14 @@ defmodule Mix.Tasks.Compile.CargoTest do
       Enum.join(shown)
     end
 
-    test "is nothing where cargo only says that it has finished" do
+    test "is empty if cargo only prints that it has finished" do
       assert shown(["    Finished `release` profile [optimized] target(s) in 0.05s\n"]) == ""
       assert shown(["\e[1m\e[32m    Finished\e[0m `release` profile\n"]) == ""
       waiting = "    Blocking waiting for file lock on build directory\n"
       assert shown([waiting, "    Finished `release` profile\n"]) == waiting
     end
 
-    test "is all that cargo says where it has something to say, as it comes" do
+    test "is the whole output of cargo otherwise, line by line" do
       said = ["   Compiling came", "ra v0.1.0\nwarning: unused\n", "    Finished `release`\n"]
       assert shown(said) == Enum.join(said)
       {first, progress} = Progress.take(%Progress{}, Enum.at(said, 0))
@@ -200,7 +200,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
     @programs ~w(camera ganglion process_guard vision_tags)
     @built Enum.map(@nif_crates, &"lib#{&1}.so") ++ @programs
 
-    # In the place of cargo: writes down how it was called, and "builds".
+    # A stand-in for cargo: it records its arguments, and "builds".
     @cargo """
     #!/bin/sh
     { echo "$PWD: $*"; env; } > "$CARGO_LOG"
@@ -238,7 +238,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
       )
     end
 
-    test "builds for the toolchain's triple and puts library and programs into priv", context do
+    test "builds for the toolchain's triple and installs library and programs in priv", context do
       env = [
         {"CROSSCOMPILE", "/t/bin/aarch64-nerves-linux-gnu"},
         {"CC", "/t/bin/aarch64-nerves-linux-gnu-gcc"},
@@ -260,7 +260,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
       refute Enum.any?(environment, &String.starts_with?(&1, ["CC=", "CFLAGS="]))
     end
 
-    # What is in priv, and which files these are.
+    # The files in priv, with their inodes.
     defp installed(context) do
       for file <- Path.wildcard(Path.join([context.build, "lib", "ganglion", "priv", "**"])),
           stat = File.stat!(file),
@@ -277,13 +277,13 @@ defmodule Mix.Tasks.Compile.CargoTest do
       first = installed(context)
       assert map_size(first) == 6
 
-      # A build that makes a file anew gives it another inode.
+      # A rebuilt file has another inode.
       nothing = [{"CARGO_IDLE", "1"}, {"CARGO_SAYS", "    Finished `release` profile\n"}]
       assert {"", 0} = mix("compile.cargo", context, nothing)
       assert installed(context) == first
     end
 
-    test "puts a program there again that has gone, and one that was built anew", context do
+    test "installs a program again that is missing or was rebuilt", context do
       assert {_, 0} = mix("compile.cargo", context, [])
       before = installed(context)
       File.rm!(Path.join([context.build, "lib", "ganglion", "priv", "bin", "camera"]))
@@ -301,7 +301,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
   describe "in a project that depends on it" do
     @describetag :tmp_dir
 
-    # The project has the compiler as a dependency would bring it.
+    # The project has the compiler as if from a dependency.
     defp project(dir, cargo, config \\ "") do
       File.mkdir_p!(Path.join(dir, "config"))
       File.write!(Path.join(dir, "config/config.exs"), "import Config\n" <> config)
@@ -358,7 +358,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
 
     @both ~s([cargo: [programs: ["detector", {"detector", "tuner"}]]])
 
-    test "its crates are built, run, and disappear when they are not asked for", %{tmp_dir: dir} do
+    test "its crates are built, run, and removed when they are deselected", %{tmp_dir: dir} do
       project(dir, @both)
       crate(dir)
       assert {text, 0} = compile(dir)
@@ -376,7 +376,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
       assert Enum.sort(File.ls!(bin)) == ~w(by_hand tuner)
     end
 
-    test "it fails when cargo does, and shows what it said", %{tmp_dir: dir} do
+    test "it fails if cargo fails, and shows its output", %{tmp_dir: dir} do
       project(dir, @both)
       crate(dir)
       File.write!(Path.join(dir, "native/src/main.rs"), "fn main() { no_such_function(); }")
@@ -384,7 +384,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
       assert text =~ "error[E0425]: cannot find function `no_such_function`"
     end
 
-    test "what is wrong is said in a sentence", %{tmp_dir: dir} do
+    test "errors are reported in a sentence", %{tmp_dir: dir} do
       project(dir, "[]")
       assert {text, 1} = compile(dir)
       assert text =~ "rover has the compiler :cargo and no options for it"
