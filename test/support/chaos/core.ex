@@ -42,7 +42,8 @@ defmodule BB.Test.Chaos.Core do
   defp refuse(given) do
     IO.puts(
       :stderr,
-      "bin/chaos core takes --kills N (from 1), --seed N and --json, got: #{Enum.join(given, " ")}"
+      "chaos core: expected --kills N (from 1), --seed N or --json, " <>
+        "got: #{Enum.join(given, " ")}"
     )
 
     System.halt(2)

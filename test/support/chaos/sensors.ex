@@ -25,7 +25,7 @@ defmodule BB.Test.Chaos.Sensors do
 
     IO.puts(
       :stderr,
-      "bin/chaos sensors takes --faults N, --seed N and --json, got: #{Enum.join(given, " ")}"
+      "chaos sensors: expected --faults N, --seed N or --json, got: #{Enum.join(given, " ")}"
     )
 
     System.halt(2)

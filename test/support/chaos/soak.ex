@@ -49,7 +49,8 @@ defmodule BB.Test.Chaos.Soak do
   defp refuse(given) do
     IO.puts(
       :stderr,
-      "bin/chaos soak takes --seconds N (from #{@least_seconds}) and --json, got: #{Enum.join(given, " ")}"
+      "chaos soak: expected --seconds N (from #{@least_seconds}) or --json, " <>
+        "got: #{Enum.join(given, " ")}"
     )
 
     System.halt(2)
