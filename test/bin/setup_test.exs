@@ -100,7 +100,7 @@ defmodule Bin.SetupTest do
     File.ln_s!(Path.join(machine.folder, "home/rustc"), Path.join(machine.path, "rustc"))
 
     assert setup_as(:nobody, machine, ~w(demo)) ==
-             {"setup: [1/1] installing Rust (stable, by rustup)\n", 0}
+             {"setup: [1/1] installing Rust (stable, with rustup)\n", 0}
   end
 
   test "a Rust that stays too old is reported, with the remedy", %{machine: machine} do

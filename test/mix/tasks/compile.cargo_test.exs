@@ -391,7 +391,7 @@ defmodule Mix.Tasks.Compile.CargoTest do
 
       project(dir, ~s([cargo: [programs: ["detector"]]]))
       assert {text, 1} = compile(dir)
-      assert text =~ "rover has the compiler :cargo, but no native/Cargo.toml"
+      assert text =~ "rover has the compiler :cargo but no native/Cargo.toml"
 
       crate(dir)
       project(dir, ~s([cargo: [programs: [{"detector", "detektor"}]]]))
