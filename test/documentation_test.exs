@@ -168,6 +168,24 @@ defmodule DocumentationTest do
     assert Enum.reject(files, &File.exists?/1) == []
   end
 
+  test "the shipped robots have no parentheses around the words of the DSL" do
+    {formatter, _binding} = Code.eval_file(".formatter.exs")
+
+    words = for {word, _arity} <- formatter[:locals_without_parens], do: Regex.escape("#{word}")
+    call = ~r/^\s*(#{Enum.join(words, "|")})\(/
+
+    files =
+      ~w(lib/ganglion/robot.ex lib/ganglion/robots/*.ex) ++
+        ~w(lib/mix/tasks/ganglion.new/lib/robot.ex.eex)
+
+    assert_none(
+      for file <- Enum.flat_map(files, &Path.wildcard/1),
+          {line, number} <- file |> File.stream!() |> Stream.with_index(1),
+          line =~ call,
+          do: "#{file}:#{number}: #{String.trim(line)}"
+    )
+  end
+
   test "the glossary has each term once" do
     rows = Regex.scan(~r/^\| \*\*(.+?)\*\*/m, File.read!("docs/glossary.md"))
     terms = for [_, terms] <- rows, term <- String.split(terms, ", "), do: term

@@ -225,7 +225,7 @@ defmodule Ganglion.Demo.Report do
       case {Latency.quantile_us(observation.latency, 0.5),
             Latency.quantile_us(observation.latency, 0.99)} do
         {nil, nil} -> ""
-        {p50, p99} -> ", from capture to message: p50 #{ms(p50)}, p99 #{ms(p99)}"
+        {p50, p99} -> ", latency: p50 #{ms(p50)}, p99 #{ms(p99)}"
       end
 
     "vision: #{observation.frames} frames, #{observation.detections} tags seen#{latency}\n"
