@@ -1,5 +1,5 @@
-# The console of the board. An error here would lock people out, so that each module is used only if it
-# is available, and errors are caught.
+# The console of the board. An error here would lock people out, so that each module is used only if
+# it is available, and errors are caught.
 
 use_if_available(Toolshed)
 import_if_available(Ganglion.Console)
