@@ -113,7 +113,7 @@ defmodule Ganglion.New.Templates do
   end
 
   defp render(path, template, assigns) do
-    # Mix has loaded it. Called by its name it would be a dependency of what runs.
+    # Mix has loaded EEx. A call by its name would make it a dependency of the application.
     eex = EEx
     text = template |> join_tags() |> eex.eval_string(assigns: [{:file, path} | assigns])
     if Path.extname(path) in [".ex", ".exs"], do: format(text), else: text
