@@ -58,8 +58,15 @@ defmodule Ganglion.Console.Firmware do
 
   defp guard_rows({:ok, state}) do
     left = if state.left_ms, do: [["decides within", "#{div(state.left_ms, 1_000)} s"]], else: []
-    reasons = for {check, reason} <- state.reasons, do: [Findings.format_check(check), Findings.format_reason(reason)]
-    missing = for {check, words} <- state.missing, do: [Findings.format_check(check), "optional; " <> words]
+
+    reasons =
+      for {check, reason} <- state.reasons,
+          do: [Findings.format_check(check), Findings.format_reason(reason)]
+
+    missing =
+      for {check, words} <- state.missing,
+          do: [Findings.format_check(check), "optional; " <> words]
+
     [["guard", state.phase]] ++ left ++ reasons ++ missing
   end
 
