@@ -61,12 +61,16 @@ defmodule BB do
   end
 
   @doc "Subscribes the calling process to a path and all below it. See `BB.PubSub.subscribe/3`."
+  @spec subscribe(module(), BB.Path.t(), [BB.PubSub.subscribe_option()]) ::
+          {:ok, pid()} | {:error, term()}
   defdelegate subscribe(robot, path, opts \\ []), to: BB.PubSub
 
   @doc "Ends the caller's subscriptions at exactly that path. See `BB.PubSub.unsubscribe/2`."
+  @spec unsubscribe(module(), BB.Path.t()) :: :ok
   defdelegate unsubscribe(robot, path), to: BB.PubSub
 
   @doc "Publishes a message on a path. See `BB.PubSub.publish/4`."
+  @spec publish(module(), BB.Path.t(), BB.Message.t(), [BB.PubSub.publish_option()]) :: :ok
   defdelegate publish(robot, path, message, opts \\ []), to: BB.PubSub
 
   @doc """

@@ -351,8 +351,9 @@ defmodule BB.PubSub do
     do: Streams.topics(Bus.fetch!(robot), :erlang.monotonic_time(:nanosecond))
 
   @doc """
-  Returns every subscription with the number of messages that have reached it, by what was done
-  with them:
+  Returns every subscription with the numbers of its messages.
+
+  Each row has:
 
     * `pid`, `path`, `message_types` - the subscription
     * `delivered` - sent to the subscriber

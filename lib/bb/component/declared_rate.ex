@@ -42,7 +42,9 @@ defmodule BB.Component.DeclaredRate do
   defp look_up(_robot, _component, nil), do: {:known, nil}
 
   defp look_up(robot, component, values) do
-    case BB.Process.registry_module(robot).meta(BB.Process.registry_name(robot), key(component)) do
+    registry = BB.Process.registry_module(robot)
+
+    case registry.meta(BB.Process.registry_name(robot), key(component)) do
       {:ok, {^values, rate_hz}} -> {:known, rate_hz}
       _other -> {:unknown, component, values}
     end

@@ -51,7 +51,7 @@ defmodule BB.Dsl.Component do
     do: entity(:actuator, [name, child, fields, block], 2, @actuator, __CALLER__)
 
   @doc """
-  Declares a controller in `controllers`:
+  Declares a controller in `controllers`.
 
       controller :balance, {MyRobot.Balance, gain: param([:balance, :gain])}
 

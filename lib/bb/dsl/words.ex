@@ -83,7 +83,7 @@ defmodule BB.Dsl.Words do
     @group [BB.Dsl.Words.Parameters]
 
     @doc """
-    Declares a parameter:
+    Declares a parameter.
 
         param :rate, type: {:unit, :hertz}, default: ~u(100 hertz), min: ~u(1 hertz)
 

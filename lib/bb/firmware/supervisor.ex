@@ -1,6 +1,6 @@
 defmodule BB.Firmware.Supervisor do
   @moduledoc """
-  Supervises the processes that guard a robot's firmware, apart from the robot:
+  Supervises the processes that guard a robot's firmware, apart from the robot.
 
       BB.Firmware.Supervisor         one_for_one
       ├── BB.Firmware.Provisioning   runs once, leaves no process

@@ -1,6 +1,6 @@
 defmodule BB.Safety.Supervisor do
   @moduledoc """
-  Supervises the processes of `BB.Safety`, outside of all robots and all applications:
+  Supervises the processes of `BB.Safety`, outside of all robots and all applications.
 
       BB.Safety.Supervisor        rest_for_one
       ├── BB.Safety.Wardens       a BB.Safety.Warden for each robot

@@ -62,7 +62,7 @@ defmodule BB.Callback.DriversTest do
   defp says!(callback, kind, robot)
        when callback in [:check, :options_schema] and kind not in [:wrong, :huge] do
     assert eventually(fn -> health(robot, :bad).error end, long_ms()) =~
-             "its options could not be checked: "
+             "options could not be checked: "
   end
 
   defp says!(:inhibition, kind, robot) when kind not in [:wrong] do

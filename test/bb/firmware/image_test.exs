@@ -145,7 +145,7 @@ defmodule BB.Firmware.ImageTest do
 
       assert error.message ==
                "expected GANGLION_BUSES to be real or simulated, got: \"fake\"; " <>
-                 "without it the image for rpi4 has real buses"
+                 "the default for rpi4 is real"
     end
   end
 
