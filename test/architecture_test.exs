@@ -67,7 +67,7 @@ defmodule ArchitectureTest do
     supervisor:
       {~w(BB.Supervisor.*),
        ~w(declaration component parameter safety process pub_sub bus simulation topic options callback)a},
-    facade: {~w(BB), ~w(dsl supervisor process pub_sub topic)a},
+    facade: {~w(BB), ~w(dsl supervisor process pub_sub topic path envelope)a},
 
     # Drivers, and their interface to the bus. They cannot name the simulation behind it.
     loop: {~w(BB.Loop), ~w(clock envelope unit telemetry)a},

@@ -2,8 +2,8 @@ defmodule BB.Component.Keeper do
   @moduledoc """
   The process that keeps one component running, so that its faults do not reach other components.
 
-  `BB.Supervisor.Topology` starts one keeper for each sensor, actuator and controller of a robot. A
-  keeper is the supervisor of its component, and differs from OTP's in two ways:
+  `BB.Supervisor.Topology` starts one keeper for each sensor, actuator and controller of a robot.
+  A keeper is the supervisor of its component, and differs from OTP's in two ways:
 
     * It restarts the component without limit, after the delays of `BB.Component.Backoff`. A
       component that fails therefore uses up no supervisor's restart budget.
