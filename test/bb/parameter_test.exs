@@ -102,7 +102,7 @@ defmodule BB.ParameterTest do
             fn -> Parameter.set(robot, [:debug], true) end,
             fn -> Parameter.watch(robot, [[:debug]]) end
           ] do
-        assert_raise ArgumentError, ~r/is not started/, call
+        assert_raise ArgumentError, ~r/^robot .* is not started; start it .*start_link\(\)$/, call
       end
     end
   end

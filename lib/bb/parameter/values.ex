@@ -174,7 +174,7 @@ defmodule BB.Parameter.Values do
   @spec not_started!(term()) :: no_return()
   def not_started!(robot) do
     raise ArgumentError,
-          "the robot #{inspect(robot)} is not started; start it under a supervisor or with " <>
-            "#{inspect(robot)}.start_link() first"
+          "robot #{inspect(robot)} is not started; start it under a supervisor or with " <>
+            "#{inspect(robot)}.start_link()"
   end
 end

@@ -72,7 +72,8 @@ defmodule BB.Component.HealthTest do
 
     test "of a robot that is not started raises" do
       robot = one_of_three()
-      assert_raise ArgumentError, ~r/not started/, fn -> BB.Sensor.health(robot) end
+      message = ~r/^robot .* is not started; start it .*start_link\(\)$/
+      assert_raise ArgumentError, message, fn -> BB.Sensor.health(robot) end
     end
   end
 end
