@@ -7,7 +7,7 @@ defmodule Ganglion.Application do
       outside of any application:
       BB.Safety.Supervisor                  see there
       ├── BB.Safety.Wardens                 a warden for each robot
-      └── BB.Safety.Host                    watches this application
+      └── BB.Safety.HostWatch               watches this application
 
       Ganglion.Supervisor                   one_for_one
       ├── ▌ BB.Safety.Anchor                starts BB.Safety.Supervisor again
@@ -25,8 +25,8 @@ defmodule Ganglion.Application do
   ▌ is a bulkhead (`BB.Process.Bulkhead`): it restarts its child without limit, so that a failure
   behind it never reaches another child. The application therefore ends only when it is stopped,
   or when Ganglion.Supervisor or the process above it is killed. Every armed robot is disarmed
-  then, also the robots of other applications (`BB.Safety.Host`). These continue to run disarmed,
-  and can be armed as soon as the application has been started again.
+  then, also the robots of other applications (`BB.Safety.HostWatch`). These continue to run
+  disarmed, and can be armed as soon as the application has been started again.
 
   Guard, gate and network start before the robot and end after it.
   """
@@ -41,7 +41,7 @@ defmodule Ganglion.Application do
 
   @impl Application
   def start(_type, _args) do
-    Safety.Host.enter()
+    Safety.HostWatch.enter()
     BB.Callback.Failures.create()
 
     (always() ++ simulation(configured(:simulated_buses)) ++ robot(configured(:robot)))
@@ -51,7 +51,7 @@ defmodule Ganglion.Application do
 
   @impl Application
   def prep_stop(state) do
-    Safety.Host.leave()
+    Safety.HostWatch.leave()
     state
   end
 

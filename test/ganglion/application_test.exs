@@ -21,7 +21,7 @@ defmodule Ganglion.ApplicationTest do
     BB.Bus.I2C.Registry,
     BB.Bus.I2C.Servers
   ]
-  @safety [BB.Safety.Supervisor, BB.Safety.Wardens, BB.Safety.Host]
+  @safety [BB.Safety.Supervisor, BB.Safety.Wardens, BB.Safety.HostWatch]
   @firmware [BB.Firmware.Guard, BB.Firmware.Gate, BB.Firmware.Network]
 
   @ends [
@@ -272,7 +272,7 @@ defmodule Ganglion.ApplicationTest do
 
   test "a robot that is armed when another application takes safety over is disarmed" do
     %{robot: robot} = outside()
-    host = spawn(fn -> Safety.Host.enter() && Process.sleep(:infinity) end)
+    host = spawn(fn -> Safety.HostWatch.enter() && Process.sleep(:infinity) end)
     assert_disarmed_once(robot)
     assert eventually(fn -> Safety.arm(robot) == :ok end, 30_000)
     Application.kill(host)

@@ -4,19 +4,19 @@ defmodule BB.Safety.Supervisor do
 
       BB.Safety.Supervisor        rest_for_one
       ├── BB.Safety.Wardens       a BB.Safety.Warden for each robot
-      ├── BB.Safety.Host          watches the application, whose end disarms all robots
+      ├── BB.Safety.HostWatch     watches the application, whose end disarms all robots
       └── resume                  starts a warden again for each robot with a record, and ends
 
   It has no supervisor above it that could end it: it lives from the first start of the
   application until the end of the VM. When it is killed, `BB.Safety.Anchor` in the application
-  starts it again, or `BB.Safety.Host` when the anchor is gone too. `BB.Safety.Records` has all
-  knowledge, so that none is lost with these processes.
+  starts it again, or `BB.Safety.HostWatch` when the anchor is gone too. `BB.Safety.Records` has
+  all knowledge, so that none is lost with these processes.
   """
   @moduledoc no_example: "internal: BB.Safety is its interface"
 
   use Supervisor
 
-  alias BB.Safety.{Host, Records, Wardens}
+  alias BB.Safety.{HostWatch, Records, Wardens}
 
   # Wardens that are killed many times do not end the others.
   @restarts [max_restarts: 1_000, max_seconds: 1]
@@ -48,11 +48,11 @@ defmodule BB.Safety.Supervisor do
   def init(_opts) do
     Records.create()
     await_end(Process.whereis(Wardens))
-    await_end(Process.whereis(Host))
+    await_end(Process.whereis(HostWatch))
 
     children = [
       {DynamicSupervisor, [name: Wardens, strategy: :one_for_one] ++ @restarts},
-      Host,
+      HostWatch,
       %{id: :resume, start: {Task, :start_link, [__MODULE__, :resume, []]}, restart: :transient}
     ]
 

@@ -112,7 +112,14 @@ defmodule BB.Process.TolerantTest do
     true = Enum.all?(pids, &is_pid/1)
 
     pids ++
-      [latch, keeper(robot, :count), simulated, shared, lines, Process.whereis(BB.Safety.Host)]
+      [
+        latch,
+        keeper(robot, :count),
+        simulated,
+        shared,
+        lines,
+        Process.whereis(BB.Safety.HostWatch)
+      ]
   end
 
   test "a keeper answers as a supervisor, also what it cannot do" do

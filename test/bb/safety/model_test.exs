@@ -60,7 +60,7 @@ defmodule BB.Safety.ModelTest do
       {4, tuple([:end, oneof(@handlers ++ @watched)])},
       {1, tuple([:inhibit, oneof([@watcher | @watched])])},
       {4, tuple([:behave, oneof([@inside | @handlers]), frequency([{4, :well}, {1, :badly}])])},
-      {4, tuple([:kill, oneof([:warden, Safety.Wardens, Safety.Supervisor, Safety.Host])])},
+      {4, tuple([:kill, oneof([:warden, Safety.Wardens, Safety.Supervisor, Safety.HostWatch])])},
       {2, tuple([:application, oneof([:stopped, :killed])])},
       {6, {:application, :started}}
     ])
@@ -372,7 +372,7 @@ defmodule BB.Safety.ModelTest do
     struck = strike(name, w)
 
     whole? = fn ->
-      Enum.all?([Safety.Supervisor, Safety.Host, Safety.Wardens], &Process.whereis/1)
+      Enum.all?([Safety.Supervisor, Safety.HostWatch, Safety.Wardens], &Process.whereis/1)
     end
 
     eventually(whole?, @patience_ms)

@@ -1,15 +1,15 @@
-defmodule BB.Safety.Host do
+defmodule BB.Safety.HostWatch do
   @moduledoc """
   Watches the application `:ganglion`, and disarms all armed robots when it ends, for any reason.
   The application calls it when it starts and stops:
 
       def start(_type, _args) do
-        BB.Safety.Host.enter()
+        BB.Safety.HostWatch.enter()
         Supervisor.start_link(children, strategy: :one_for_one)
       end
 
       def prep_stop(state) do
-        BB.Safety.Host.leave()
+        BB.Safety.HostWatch.leave()
         state
       end
 
