@@ -9,7 +9,7 @@ defmodule BB.Dsl.References do
   @moduledoc no_example: "internal: its mistakes are BB.Dsl.Error messages"
 
   alias BB.Bus.Sim.GPIO.Part
-  alias BB.Bus.Sim.Slot
+  alias BB.Bus.Sim.Place
   alias BB.Dsl.{Child, Grammar, Node}
   alias BB.Dsl.Rules
   alias BB.Parameter.{Definition, Reference}
@@ -180,7 +180,7 @@ defmodule BB.Dsl.References do
     end
   end
 
-  defp make(device, %{kind: :i2c}), do: Slot.new(device, 0)
+  defp make(device, %{kind: :i2c}), do: Place.new(device, 0)
 
   defp make(device, %{kind: :gpio, fields: fields}),
     do: Part.new(device, 0, Map.get(fields, :lines, @lines))

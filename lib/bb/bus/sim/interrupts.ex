@@ -8,7 +8,7 @@ defmodule BB.Bus.Sim.Interrupts do
   """
   @moduledoc no_example: "internal: c:BB.Bus.Sim.Device.pulses/3 is its interface"
 
-  alias BB.Bus.Sim.{Lines, Slot}
+  alias BB.Bus.Sim.{Lines, Place}
   alias BB.Clock
 
   @enforce_keys [:bus, :clock]
@@ -36,13 +36,13 @@ defmodule BB.Bus.Sim.Interrupts do
   def new(bus, clock), do: %__MODULE__{bus: bus, clock: clock}
 
   @doc "Makes the pulses of a device that are due, and starts the timer of the next one."
-  @spec follow(t(), byte(), Slot.t() | nil) :: t()
-  def follow(interrupts, address, slot) do
+  @spec follow(t(), byte(), Place.t() | nil) :: t()
+  def follow(interrupts, address, place) do
     now_ns = Clock.now_ns(interrupts.clock)
     pin = interrupts.pins[address]
     from_ns = if pin, do: pin.until_ns, else: now_ns
 
-    case slot && Slot.pulses(slot, from_ns, now_ns) do
+    case place && Place.pulses(place, from_ns, now_ns) do
       nil -> release(interrupts, address, pin)
       pulses -> pulse(interrupts, address, pin, pulses, now_ns)
     end

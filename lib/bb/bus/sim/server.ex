@@ -3,7 +3,7 @@ defmodule BB.Bus.Sim.Server do
   The process of one simulated I2C bus.
 
   `BB.Bus.Sim` and `BB.Bus.Sim.I2C` call it. Transfers wait in a queue until the bus is free.
-  Orders to the simulation (unplug, fault, …) take effect at once. `BB.Bus.Sim.Slot` decides what
+  Orders to the simulation (unplug, fault, …) take effect at once. `BB.Bus.Sim.Place` decides what
   a device answers.
   """
   @moduledoc no_example: "internal: BB.Bus.Sim and BB.Bus.Sim.I2C are its interface"
@@ -11,7 +11,7 @@ defmodule BB.Bus.Sim.Server do
   use GenServer
   use BB.Process.Tolerant
 
-  alias BB.Bus.Sim.{Claims, Directory, Interrupts, Slot}
+  alias BB.Bus.Sim.{Claims, Directory, Interrupts, Place}
 
   @registry BB.Bus.Sim.Registry
   @options [:devices, :clock, :clock_hz]
@@ -22,7 +22,7 @@ defmodule BB.Bus.Sim.Server do
   @typedoc "A transfer, with the settings of its handle."
   @type transfer :: %{
           address: non_neg_integer(),
-          request: Slot.request(),
+          request: Place.request(),
           retries: non_neg_integer(),
           timeout_ms: pos_integer()
         }
@@ -63,7 +63,7 @@ defmodule BB.Bus.Sim.Server do
     clock = clock!(Keyword.get(opts, :clock, :real))
 
     bus = %{
-      slots: %{},
+      places: %{},
       claims: %{},
       clock: clock,
       interrupts: if(is_function(clock), do: nil, else: Interrupts.new(name, clock)),
@@ -81,7 +81,7 @@ defmodule BB.Bus.Sim.Server do
   def handle_call({:transfer, transfer}, from, bus),
     do: {:noreply, run_queue(%{bus | queue: :queue.in({from, transfer}, bus.queue)})}
 
-  def handle_call(:devices, _from, bus), do: {:reply, Map.new(bus.slots, &describe/1), bus}
+  def handle_call(:devices, _from, bus), do: {:reply, Map.new(bus.places, &describe/1), bus}
 
   def handle_call({:stuck, stuck?}, _from, bus), do: {:reply, :ok, %{bus | stuck?: stuck?}}
 
@@ -93,7 +93,7 @@ defmodule BB.Bus.Sim.Server do
   end
 
   def handle_call({:wire, address, device, robot}, _from, bus) do
-    case Claims.check(bus.claims, address, present(bus.slots[address]), device, robot) do
+    case Claims.check(bus.claims, address, present(bus.places[address]), device, robot) do
       :free -> wire(plug(address, device, bus), address, robot, bus)
       :shared -> {:reply, :ok, claim(bus, address, robot)}
       refused -> {:reply, refused, bus}
@@ -105,17 +105,17 @@ defmodule BB.Bus.Sim.Server do
 
     bus =
       for address <- free, reduce: %{bus | claims: claims} do
-        bus -> put_slot(bus, address, Slot.unplug(bus.slots[address]))
+        bus -> put_place(bus, address, Place.unplug(bus.places[address]))
       end
 
     {:reply, :ok, bus}
   end
 
   def handle_call({order, address}, _from, bus) when order in @orders,
-    do: change_slot(order, address, bus)
+    do: change_place(order, address, bus)
 
   def handle_call({:fault, address, fault}, _from, bus),
-    do: change_slot({:fault, fault}, address, bus)
+    do: change_place({:fault, fault}, address, bus)
 
   @impl GenServer
   def handle_info(:free, %{holder: {from, answer}} = bus) do
@@ -124,7 +124,7 @@ defmodule BB.Bus.Sim.Server do
   end
 
   def handle_info({:pulse, address}, bus),
-    do: {:noreply, put_slot(bus, address, bus.slots[address])}
+    do: {:noreply, put_place(bus, address, bus.places[address])}
 
   # Transfers: one holds the bus at a time.
 
@@ -141,26 +141,26 @@ defmodule BB.Bus.Sim.Server do
   defp run_queue(bus), do: bus
 
   defp run_transfer(from, transfer, bus) do
-    slot = bus.slots[transfer.address]
-    {answer, cost_ns, slot} = attempt(slot, transfer, transfer.retries, 0, bus)
-    bus = if slot, do: put_slot(bus, transfer.address, slot), else: bus
+    place = bus.places[transfer.address]
+    {answer, cost_ns, place} = attempt(place, transfer, transfer.retries, 0, bus)
+    bus = if place, do: put_place(bus, transfer.address, place), else: bus
     reply(from, answer, cost_ns, bus)
   end
 
-  defp attempt(slot, transfer, retries, spent_ns, bus) do
-    {answer, held_ms, slot} = attempt_once(slot, transfer, bus)
+  defp attempt(place, transfer, retries, spent_ns, bus) do
+    {answer, held_ms, place} = attempt_once(place, transfer, bus)
     spent_ns = spent_ns + held_ms * @ns_per_ms + cost_ns(answer, transfer, bus.clock_hz)
 
     if retries > 0 and match?({:error, _}, answer),
-      do: attempt(slot, transfer, retries - 1, spent_ns, bus),
-      else: {answer, spent_ns, slot}
+      do: attempt(place, transfer, retries - 1, spent_ns, bus),
+      else: {answer, spent_ns, place}
   end
 
-  defp attempt_once(slot, transfer, %{stuck?: true}),
-    do: {{:error, :timeout}, transfer.timeout_ms, slot}
+  defp attempt_once(place, transfer, %{stuck?: true}),
+    do: {{:error, :timeout}, transfer.timeout_ms, place}
 
-  defp attempt_once(slot, transfer, bus),
-    do: Slot.attempt(slot, transfer.request, transfer.timeout_ms, now_ns(bus))
+  defp attempt_once(place, transfer, bus),
+    do: Place.attempt(place, transfer.request, transfer.timeout_ms, now_ns(bus))
 
   defp cost_ns({:error, :timeout}, _transfer, _clock_hz), do: 0
   defp cost_ns(_answer, _transfer, nil), do: 0
@@ -193,31 +193,31 @@ defmodule BB.Bus.Sim.Server do
 
   # Orders to the simulation.
 
-  defp change_slot(order, address, bus) do
-    with {:ok, slot} <- fetch_slot(bus, address), {:ok, slot} <- change(order, slot, bus) do
-      {:reply, :ok, put_slot(bus, address, slot)}
+  defp change_place(order, address, bus) do
+    with {:ok, place} <- fetch_place(bus, address), {:ok, place} <- change(order, place, bus) do
+      {:reply, :ok, put_place(bus, address, place)}
     else
       error -> {:reply, error, bus}
     end
   end
 
-  defp fetch_slot(bus, address) do
-    with :error <- Map.fetch(bus.slots, address), do: {:error, :no_device}
+  defp fetch_place(bus, address) do
+    with :error <- Map.fetch(bus.places, address), do: {:error, :no_device}
   end
 
-  defp change(:unplug, slot, _bus), do: {:ok, Slot.unplug(slot)}
-  defp change(:replug, slot, bus), do: Slot.replug(slot, now_ns(bus))
-  defp change(:clear, slot, _bus), do: {:ok, Slot.clear_fault(slot)}
-  defp change({:fault, fault}, slot, bus), do: Slot.put_fault(slot, fault, now_ns(bus))
+  defp change(:unplug, place, _bus), do: {:ok, Place.unplug(place)}
+  defp change(:replug, place, bus), do: Place.replug(place, now_ns(bus))
+  defp change(:clear, place, _bus), do: {:ok, Place.clear_fault(place)}
+  defp change({:fault, fault}, place, bus), do: Place.put_fault(place, fault, now_ns(bus))
 
   defp plug(address, device, bus) do
-    case bus.slots[address] do
+    case bus.places[address] do
       %{plugged?: true} ->
         {:error, :address_taken}
 
       _ ->
-        with {:ok, slot} <- Slot.new(device, now_ns(bus)),
-             do: {:ok, put_slot(bus, address, slot)}
+        with {:ok, place} <- Place.new(device, now_ns(bus)),
+             do: {:ok, put_place(bus, address, place)}
     end
   end
 
@@ -231,7 +231,7 @@ defmodule BB.Bus.Sim.Server do
     end
   end
 
-  defp present(%{plugged?: true} = slot), do: {slot.module, slot.opts}
+  defp present(%{plugged?: true} = place), do: {place.module, place.opts}
   defp present(_absent), do: nil
 
   defp wire({:ok, bus}, address, robot, _before), do: {:reply, :ok, claim(bus, address, robot)}
@@ -239,15 +239,15 @@ defmodule BB.Bus.Sim.Server do
 
   defp claim(bus, address, robot), do: %{bus | claims: Claims.add(bus.claims, address, robot)}
 
-  defp describe({address, slot}),
-    do: {address, Map.take(slot, [:module, :plugged?, :fault, :broken?, :transfers])}
+  defp describe({address, place}),
+    do: {address, Map.take(place, [:module, :plugged?, :fault, :broken?, :transfers])}
 
   # Each change of a device can change the pulses of its interrupt pin.
-  defp put_slot(%{interrupts: nil} = bus, address, slot), do: put_in(bus.slots[address], slot)
+  defp put_place(%{interrupts: nil} = bus, address, place), do: put_in(bus.places[address], place)
 
-  defp put_slot(bus, address, slot) do
-    interrupts = Interrupts.follow(bus.interrupts, address, slot)
-    %{bus | slots: Map.put(bus.slots, address, slot), interrupts: interrupts}
+  defp put_place(bus, address, place) do
+    interrupts = Interrupts.follow(bus.interrupts, address, place)
+    %{bus | places: Map.put(bus.places, address, place), interrupts: interrupts}
   end
 
   defp check_options!(opts) do

@@ -1,8 +1,8 @@
-defmodule BB.Bus.Sim.Slot do
+defmodule BB.Bus.Sim.Place do
   @moduledoc """
   One address of a simulated bus: the device's model, its state and its fault.
 
-  `BB.Bus.Sim.Server` keeps one for each address. A slot stays when its device is unplugged. It is
+  `BB.Bus.Sim.Server` keeps one for each address. A place stays when its device is unplugged. It is
   pure, except that it logs a model that raises.
   """
   @moduledoc no_example: "internal: BB.Bus.Sim is its interface"
@@ -24,7 +24,7 @@ defmodule BB.Bus.Sim.Slot do
     transfers: 0
   ]
 
-  @typedoc "A slot, with the state of a second device (`:twin`) and the random state (`:dice`)."
+  @typedoc "A place, with the state of a second device (`:twin`) and the random state (`:dice`)."
   @type t :: %__MODULE__{}
 
   @typedoc "The bytes that a transfer writes, or `nil`, and how many it reads, or `nil`."
@@ -49,11 +49,11 @@ defmodule BB.Bus.Sim.Slot do
 
   @doc "Powers an unplugged device up again."
   @spec replug(t(), integer()) :: {:ok, t()} | {:error, term()}
-  def replug(%__MODULE__{plugged?: true, broken?: false} = slot, _now_ns), do: {:ok, slot}
+  def replug(%__MODULE__{plugged?: true, broken?: false} = place, _now_ns), do: {:ok, place}
 
-  def replug(slot, now_ns) do
-    case new({slot.module, slot.opts}, now_ns) do
-      {:ok, fresh} -> {:ok, %{fresh | transfers: slot.transfers}}
+  def replug(place, now_ns) do
+    case new({place.module, place.opts}, now_ns) do
+      {:ok, fresh} -> {:ok, %{fresh | transfers: place.transfers}}
       {:raise, exception} -> {:error, exception}
       {:error, reason} -> {:error, reason}
     end
@@ -61,7 +61,7 @@ defmodule BB.Bus.Sim.Slot do
 
   @doc "Disconnects the device, and clears its fault."
   @spec unplug(t()) :: t()
-  def unplug(slot), do: %{clear_fault(slot) | plugged?: false}
+  def unplug(place), do: %{clear_fault(place) | plugged?: false}
 
   @doc """
   Sets the device's fault.
@@ -70,34 +70,34 @@ defmodule BB.Bus.Sim.Slot do
   """
   @spec put_fault(t(), Fault.t(), integer()) ::
           {:ok, t()} | {:error, term()} | {:raise, Exception.t()}
-  def put_fault(slot, {:twin, device} = fault, now_ns) do
+  def put_fault(place, {:twin, device} = fault, now_ns) do
     with {:ok, twin} <- new(device, now_ns),
-         do: {:ok, %{clear_fault(slot) | fault: fault, twin: twin}}
+         do: {:ok, %{clear_fault(place) | fault: fault, twin: twin}}
   end
 
-  def put_fault(slot, fault, _now_ns),
-    do: {:ok, %{clear_fault(slot) | fault: fault, dice: Fault.dice(fault)}}
+  def put_fault(place, fault, _now_ns),
+    do: {:ok, %{clear_fault(place) | fault: fault, dice: Fault.dice(fault)}}
 
   @doc "Clears the device's fault."
   @spec clear_fault(t()) :: t()
-  def clear_fault(slot), do: %{slot | fault: nil, twin: nil, dice: nil}
+  def clear_fault(place), do: %{place | fault: nil, twin: nil, dice: nil}
 
   @doc """
   Makes one attempt of a transfer.
 
   Returns the answer, for how many milliseconds the device holds the bus beyond the time of the
-  bytes, and the slot. The slot is `nil` at an address that never had a device.
+  bytes, and the place. The place is `nil` at an address that never had a device.
   """
   @spec attempt(t() | nil, request(), timeout_ms :: pos_integer(), integer()) ::
           {answer(), held_ms :: non_neg_integer(), t() | nil}
   def attempt(nil, _request, _timeout_ms, _now_ns), do: {{:error, :i2c_nak}, 0, nil}
 
-  def attempt(%{plugged?: false} = slot, _request, _timeout_ms, _now_ns),
-    do: {{:error, :i2c_nak}, 0, slot}
+  def attempt(%{plugged?: false} = place, _request, _timeout_ms, _now_ns),
+    do: {{:error, :i2c_nak}, 0, place}
 
-  def attempt(slot, request, timeout_ms, now_ns) do
-    {kind, fault} = Fault.next(slot.fault)
-    attempt_with(kind, %{slot | fault: fault}, request, timeout_ms, now_ns)
+  def attempt(place, request, timeout_ms, now_ns) do
+    {kind, fault} = Fault.next(place.fault)
+    attempt_with(kind, %{place | fault: fault}, request, timeout_ms, now_ns)
   end
 
   @doc """
@@ -105,10 +105,10 @@ defmodule BB.Bus.Sim.Slot do
   its model makes none.
   """
   @spec pulses(t(), integer(), integer()) :: map() | nil
-  def pulses(%{plugged?: true, broken?: false} = slot, from_ns, to_ns) do
-    if function_exported?(slot.module, :pulses, 3) do
+  def pulses(%{plugged?: true, broken?: false} = place, from_ns, to_ns) do
+    if function_exported?(place.module, :pulses, 3) do
       with %{line: _, times_ns: _, width_ns: _, next_ns: _} = pulses <-
-             slot.module.pulses(from_ns, to_ns, slot.state),
+             place.module.pulses(from_ns, to_ns, place.state),
            do: pulses,
            else: (_other -> nil)
     end
@@ -116,42 +116,42 @@ defmodule BB.Bus.Sim.Slot do
     _kind, _reason -> nil
   end
 
-  def pulses(_slot, _from_ns, _to_ns), do: nil
+  def pulses(_place, _from_ns, _to_ns), do: nil
 
   # With the fault of this attempt, nil for none.
 
-  defp attempt_with(nil, slot, request, _timeout_ms, now_ns) do
-    {answer, slot} = call_model(slot, request, now_ns)
-    {answer, 0, slot}
+  defp attempt_with(nil, place, request, _timeout_ms, now_ns) do
+    {answer, place} = call_model(place, request, now_ns)
+    {answer, 0, place}
   end
 
-  defp attempt_with({:slow, ms}, slot, request, timeout_ms, now_ns) when ms < timeout_ms do
-    {answer, slot} = call_model(slot, request, now_ns)
-    {answer, ms, slot}
+  defp attempt_with({:slow, ms}, place, request, timeout_ms, now_ns) when ms < timeout_ms do
+    {answer, place} = call_model(place, request, now_ns)
+    {answer, ms, place}
   end
 
-  defp attempt_with(kind, slot, _request, timeout_ms, _now_ns)
+  defp attempt_with(kind, place, _request, timeout_ms, _now_ns)
        when kind == :timeout or elem(kind, 0) == :slow,
-       do: {{:error, :timeout}, timeout_ms, slot}
+       do: {{:error, :timeout}, timeout_ms, place}
 
-  defp attempt_with({:twin, _device}, slot, request, _timeout_ms, now_ns) do
-    {one, slot} = call_model(slot, request, now_ns)
-    {other, twin} = call_model(slot.twin, request, now_ns)
-    {wired_and(one, other), 0, %{slot | twin: twin}}
+  defp attempt_with({:twin, _device}, place, request, _timeout_ms, now_ns) do
+    {one, place} = call_model(place, request, now_ns)
+    {other, twin} = call_model(place.twin, request, now_ns)
+    {wired_and(one, other), 0, %{place | twin: twin}}
   end
 
-  defp attempt_with({:bit_errors, probability, _seed}, slot, request, timeout_ms, now_ns),
-    do: attempt_with({:bit_errors, probability}, slot, request, timeout_ms, now_ns)
+  defp attempt_with({:bit_errors, probability, _seed}, place, request, timeout_ms, now_ns),
+    do: attempt_with({:bit_errors, probability}, place, request, timeout_ms, now_ns)
 
-  defp attempt_with({:bit_errors, probability}, slot, {data, count}, _timeout_ms, now_ns) do
-    {data, dice} = corrupt(data, probability, slot.dice)
-    {answer, slot} = call_model(slot, {data, count}, now_ns)
+  defp attempt_with({:bit_errors, probability}, place, {data, count}, _timeout_ms, now_ns) do
+    {data, dice} = corrupt(data, probability, place.dice)
+    {answer, place} = call_model(place, {data, count}, now_ns)
     {answer, dice} = corrupt(answer, probability, dice)
-    {answer, 0, %{slot | dice: dice}}
+    {answer, 0, %{place | dice: dice}}
   end
 
-  defp attempt_with(failure, slot, _request, _timeout_ms, _now_ns),
-    do: {{:error, Fault.error(failure)}, 0, slot}
+  defp attempt_with(failure, place, _request, _timeout_ms, _now_ns),
+    do: {{:error, Fault.error(failure)}, 0, place}
 
   # Either device can pull the line low: an acknowledgement is low, and so is a 0.
   defp wired_and({:error, _}, other), do: other
@@ -175,28 +175,28 @@ defmodule BB.Bus.Sim.Slot do
 
   defp corrupt(without_bytes, _probability, dice), do: {without_bytes, dice}
 
-  defp call_model(%{broken?: true} = slot, _request, _now_ns), do: {{:error, :i2c_nak}, slot}
+  defp call_model(%{broken?: true} = place, _request, _now_ns), do: {{:error, :i2c_nak}, place}
 
-  defp call_model(slot, request, now_ns) do
-    case exchange(slot, request, now_ns) do
-      {:nak, state} -> {{:error, :i2c_nak}, %{slot | state: state}}
-      {answer, state} -> {answer, %{slot | state: state, transfers: slot.transfers + 1}}
+  defp call_model(place, request, now_ns) do
+    case exchange(place, request, now_ns) do
+      {:nak, state} -> {{:error, :i2c_nak}, %{place | state: state}}
+      {answer, state} -> {answer, %{place | state: state, transfers: place.transfers + 1}}
     end
   catch
-    kind, reason -> mark_broken(slot, kind, reason, __STACKTRACE__)
+    kind, reason -> mark_broken(place, kind, reason, __STACKTRACE__)
   end
 
-  defp exchange(slot, {data, nil}, now_ns), do: write(slot, data, now_ns)
+  defp exchange(place, {data, nil}, now_ns), do: write(place, data, now_ns)
 
-  defp exchange(slot, {data, count}, now_ns) do
-    with {:ok, state} <- write(slot, data, now_ns), do: read(slot.module, count, now_ns, state)
+  defp exchange(place, {data, count}, now_ns) do
+    with {:ok, state} <- write(place, data, now_ns), do: read(place.module, count, now_ns, state)
   end
 
   # A transfer without bytes is only the address, which the device acknowledges.
-  defp write(slot, data, _now_ns) when data in [nil, <<>>], do: {:ok, slot.state}
+  defp write(place, data, _now_ns) when data in [nil, <<>>], do: {:ok, place.state}
 
-  defp write(slot, data, now_ns) do
-    case slot.module.write(data, now_ns, slot.state) do
+  defp write(place, data, now_ns) do
+    case place.module.write(data, now_ns, place.state) do
       {:ok, state} -> {:ok, state}
       {:nak, state} -> {:nak, state}
     end
@@ -214,12 +214,12 @@ defmodule BB.Bus.Sim.Slot do
     end
   end
 
-  defp mark_broken(slot, kind, reason, stacktrace) do
+  defp mark_broken(place, kind, reason, stacktrace) do
     Logger.error(
-      "simulated device #{inspect(slot.module)} is broken until it is plugged in again: " <>
+      "simulated device #{inspect(place.module)} is broken until it is plugged in again: " <>
         Exception.format(kind, reason, stacktrace)
     )
 
-    {{:error, :i2c_nak}, %{slot | broken?: true}}
+    {{:error, :i2c_nak}, %{place | broken?: true}}
   end
 end
