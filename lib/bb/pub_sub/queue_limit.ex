@@ -13,8 +13,8 @@ defmodule BB.PubSub.QueueLimit do
   until that process's time slice ends, which may take a millisecond. Two rules keep publishers
   fast:
 
-    * A check that finds room gives credits: an eighth of `max_queue`, or less if there is less
-      room. As many messages are sent without another check.
+    * A check that finds room gives an allowance: an eighth of `max_queue`, or less if there is
+      less room. As many messages are sent without another check.
     * A check that takes long and finds no room is not repeated before ten times as long has
       passed. A busy subscriber with a full mailbox costs a publisher at most a tenth of its time.
   """
@@ -30,7 +30,7 @@ defmodule BB.PubSub.QueueLimit do
   @doc "Returns whether the mailbox has room for a message. Counts the message as missed if not."
   @spec admit?(SubscriptionState.counters(), non_neg_integer(), pid()) :: boolean()
   def admit?(counters, max_queue, pid) do
-    if :atomics.sub_get(counters, SubscriptionState.counter(:credits), 1) >= 0 or
+    if :atomics.sub_get(counters, SubscriptionState.counter(:allowance), 1) >= 0 or
          check_mailbox(counters, max_queue, pid) do
       true
     else
@@ -45,19 +45,20 @@ defmodule BB.PubSub.QueueLimit do
 
     if start_ns >= :atomics.get(counters, SubscriptionState.counter(:next_check_ns)) do
       info = Process.info(pid, :message_queue_len)
-      give_credits(counters, max_queue, info) or postpone_check(counters, start_ns)
+      give_allowance(counters, max_queue, info) or postpone_check(counters, start_ns)
     else
       false
     end
   end
 
-  defp give_credits(counters, max_queue, {:message_queue_len, length}) when length <= max_queue do
-    credits = min(max_queue - length, div(max_queue, 8))
-    :atomics.put(counters, SubscriptionState.counter(:credits), credits)
+  defp give_allowance(counters, max_queue, {:message_queue_len, length})
+       when length <= max_queue do
+    allowance = min(max_queue - length, div(max_queue, 8))
+    :atomics.put(counters, SubscriptionState.counter(:allowance), allowance)
     true
   end
 
-  defp give_credits(_counters, _max_queue, _info), do: false
+  defp give_allowance(_counters, _max_queue, _info), do: false
 
   defp postpone_check(counters, start_ns) do
     now_ns = :erlang.monotonic_time(:nanosecond)

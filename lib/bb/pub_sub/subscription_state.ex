@@ -22,7 +22,7 @@ defmodule BB.PubSub.SubscriptionState do
     filtered: 3,
     missed: 4,
     unreported: 5,
-    credits: 6,
+    allowance: 6,
     next_check_ns: 7,
     replays_over: 8
   ]
