@@ -9,6 +9,20 @@ defmodule BB.PubSub.Admission do
 
       admission = Admission.new(subscription, Cells.find(bus, subscription, path, retained?))
       Admission.deliver([admission], pid, {:bb, path, message}, stamp)
+
+  The check of an admission has one of four results. The counters are those of
+  `BB.PubSub.stats/1`:
+
+  | result | meaning | counter |
+  |---|---|---|
+  | `:pass` | the message is sent | `delivered` |
+  | `:same` | it is the replayed message itself, and is not sent again | `filtered` |
+  | `:older` | it was published before the replayed message | `filtered` |
+  | `:dropped` | it exceeds the rate limit or the queue limit | `dropped` |
+
+  After `:older` and `:dropped`, the next admission of the process is checked. After `:pass` and
+  `:same`, the further ones are not checked, and count the message as `filtered`. The queue limit
+  counts a dropped message in `BB.PubSub.missed/1` too.
   """
 
   require BB.PubSub.SubscriptionState

@@ -5,6 +5,8 @@ defmodule BB.PubSub.RateLimit do
   `BB.PubSub.Admission` uses it while a message is published. Each path of a rate-limited
   subscription has a time at which its next message is due. A publisher whose message comes later
   than that moves the time by one period. Of several publishers that do so at once, one succeeds.
+  A message that comes earlier is dropped and counted as `dropped` in `BB.PubSub.stats/1`. None is
+  kept for later.
 
       due_ns = RateLimit.due_ns(cell)
       now_ns >= due_ns and RateLimit.reserve?(cell, due_ns, now_ns + period_ns)

@@ -31,7 +31,34 @@ defmodule BB.PubSub.Replay do
   the millisecond the publisher continues, and the subscriber removes from its own mailbox what it
   sent too late.
 
-  A message older than the last one is not sent to a subscriber that has not replayed that yet.
+  Before a subscriber has replayed the last message of a path, it gets no older one.
+
+  ## Example
+
+  The last message of a path has number 7 when a process subscribes. Without a publisher:
+
+  | event | the cell | the mailbox |
+  |---|---|---|
+  | the subscriber announces message 7 | 0 → -7 | |
+  | it begins to send message 7 | -7 → "sending 7" | |
+  | it has sent message 7 | "sending 7" → 7 | 7 |
+  | a publisher sends message 8 | 7 | 7, 8 |
+
+  With a publisher of message 8 between the announcement and the sending:
+
+  | event | the cell | the mailbox |
+  |---|---|---|
+  | the subscriber announces message 7 | 0 → -7 | |
+  | the publisher sends message 8 | -7 → 7 | 8 |
+  | the subscriber finds 7 instead of -7, and replays nothing | 7 | 8 |
+
+  With such a publisher while the subscriber's thread is suspended:
+
+  | event | the cell | the mailbox |
+  |---|---|---|
+  | the subscriber sends message 7 and is suspended | "sending 7" | 7 |
+  | the publisher has waited for a millisecond, and sends message 8 | "sending 7" → 7 | 7, 8 |
+  | the subscriber finds 7 instead of "sending 7", and removes message 7 | 7 | 8 |
   """
 
   require BB.PubSub.SubscriptionState
