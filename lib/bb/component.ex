@@ -28,7 +28,7 @@ defmodule BB.Component do
     * `:transmission` - the gears between the component and its joint (`BB.Transmission`), or
       `nil`
     * `:required` - whether the robot is useless without the component
-    * `:retain` - whether the bus keeps the component's last message for late subscribers
+    * `:retain` - whether the pubsub keeps the component's last message for late subscribers
     * `:max_silence_ns` - the longest time between two messages, or `nil` for no limit
 
   ## Kinds

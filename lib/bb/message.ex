@@ -1,6 +1,6 @@
 defmodule BB.Message do
   @moduledoc """
-  A message on the bus: the envelope with times and frame, and a payload.
+  A message on the pubsub: the envelope with times and frame, and a payload.
 
   Create messages with `new/4`, and publish them with `BB.PubSub.publish/4`. Every message that a
   subscriber receives is one of these structs:
@@ -18,7 +18,7 @@ defmodule BB.Message do
       measurement, in nanoseconds. Compare and subtract monotonic times; show and store wall
       times.
     * `node` - the node that created the message
-    * `robot` - the robot on whose bus it was published, `nil` until then
+    * `robot` - the robot on whose pubsub it was published, `nil` until then
 
   ## Payloads
 
@@ -71,7 +71,7 @@ defmodule BB.Message do
 
   @type attrs :: keyword() | map()
 
-  @typedoc "The time of measurement in nanoseconds. Of one time, the other is calculated."
+  @typedoc "The times in nanoseconds. If one time is given, the other is calculated from it."
   @type times :: [monotonic_time: integer(), wall_time: integer()]
 
   @doc false

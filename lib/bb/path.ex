@@ -1,6 +1,6 @@
 defmodule BB.Path do
   @moduledoc """
-  A path on the bus: a list of segments from the general to the particular.
+  A path on the pubsub: a list of segments from the general to the particular.
 
   Use these functions to check paths and to compare them. `BB.PubSub` delivers a message published
   at a path to the subscribers at that path and at its ancestors:

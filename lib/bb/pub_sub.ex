@@ -1,13 +1,13 @@
 defmodule BB.PubSub do
   @moduledoc """
-  The bus of a robot: processes publish messages at paths, and receive the messages published at
-  the paths that they subscribe to and below.
+  The pubsub of a robot: processes publish messages at paths, and receive the messages published
+  at the paths that they subscribe to and below.
 
   Use it to receive what sensors measure, to publish from a driver or a controller, and to connect
   parts of a robot that should not name each other:
 
-      iex> {:ok, _bus} = BB.PubSub.start_link(DocRobot)
-      iex> {:ok, _bus} = BB.PubSub.subscribe(DocRobot, [:sensor, :base_link])
+      iex> {:ok, _pubsub} = BB.PubSub.start_link(DocRobot)
+      iex> {:ok, _pubsub} = BB.PubSub.subscribe(DocRobot, [:sensor, :base_link])
       iex> fields = [voltage: 11.8, current: -0.4]
       iex> message = BB.Message.new!(BB.Message.Sensor.PowerState, :battery, fields)
       iex> BB.PubSub.publish(DocRobot, [:sensor, :base_link, :battery], message)
@@ -35,18 +35,18 @@ defmodule BB.PubSub do
     * Of one message, the subscribers at the path itself get their copies first, then those at its
       ancestors, nearest first. A process that subscribed twice, or at two levels, receives twice.
     * A subscriber that dies is removed, and `subscribers/2` no longer lists it. Subscribers are
-      not linked to the bus: the end of one ends no other.
+      not linked to the pubsub: the end of one ends no other.
     * A publisher waits for no subscriber, with one exception: if the operating system suspends a
       subscriber's thread at the very moment of its replay, a publisher waits once, for at most a
       millisecond.
-    * Subscriptions last as long as the robot. They survive the death of every process of the bus.
-      A process that subscribes at that moment waits until the bus has restarted.
+    * Subscriptions last as long as the robot. They survive the death of every process of the
+      pubsub. A process that subscribes at that moment waits until the pubsub has restarted.
 
   A message at a path without subscribers is lost, except on retained paths. A subscriber that
   never reads its mailbox fills it, unless it subscribed with `max_queue`.
 
-  The bus of a robot runs as long as the robot. Functions raise `ArgumentError` when the robot is
-  not started.
+  The pubsub of a robot runs as long as the robot. Functions raise `ArgumentError` when the robot
+  is not started.
 
   ## Options of a subscription
 
@@ -63,16 +63,15 @@ defmodule BB.PubSub do
       one. `missed/1` returns the sum at any time. A GenServer with this option needs a clause for
       that message in `handle_info/2`. The limit is approximate: a publisher that finds room sends
       up to an eighth of the limit before it checks again.
-    * `unique` concerns the process: it gets one copy of a message that reaches its unique
-      subscription, by the first of its subscriptions, from the path upwards, that takes the
-      message.
+    * With `unique`, a process gets one copy of a message, even if several of its subscriptions
+      match. It gets the copy by the first of them, from the path upwards, that takes the message.
     * `replay` sends the last message of each retained path, which is in the mailbox when
       `subscribe/3` returns, then everything newer once and in order. The other options (type,
       rate, mailbox) apply to replayed messages too.
 
   ## Retained paths
 
-  The bus keeps the last message of each path at and below `[:param]`, `[:state_machine]` and
+  The pubsub keeps the last message of each path at and below `[:param]`, `[:state_machine]` and
   `[:sensor_status]`, of sensors declared with `retain: true`, and of prefixes given to
   `retain/2`. `last/2` returns it. One message is kept for each path, whatever its type. A robot
   has at most 1000 retained prefixes; prefixes below another one do not count.
@@ -81,17 +80,22 @@ defmodule BB.PubSub do
 
   Publishing to no subscriber takes about as long as three or four function calls. Otherwise it
   takes little more than a `send/2` for each subscriber. Subscribers at other paths or for other
-  types cost nothing (docs/performance.md). In these cases a publisher looks up the subscribers,
-  which takes some microseconds more: for some milliseconds after a subscription or its end, on
-  the first messages of a path, on transient paths (below), with more than 500 subscribers, and
-  with an option of `publish/4`.
+  types cost nothing (docs/performance.md).
+
+  A publisher looks up the subscribers, which takes some microseconds more,
+
+    * for some milliseconds after a subscription or its end,
+    * on the first messages of a path,
+    * on transient paths (below),
+    * with more than 500 subscribers,
+    * with an option of `publish/4`.
 
   Subscribing takes about ten microseconds, for the ten-thousandth subscriber of a path as for the
   first: memory and time are linear in the number of subscribers.
 
   ## Limits
 
-  What the bus remembers is bounded, whatever is published:
+  What the pubsub remembers is bounded, whatever is published:
 
     * A path has at most 64 segments (`BB.Path`). A longer one raises `ArgumentError`.
     * A *stream* is a path with one payload type. The first 4000 streams at paths of atoms are
@@ -99,7 +103,7 @@ defmodule BB.PubSub do
       reference, or came later. The newest 1000 transient paths are remembered, and beside them
       the newest 1000 that are retained. When a path is forgotten, its last message is deleted,
       its count restarts at 0, and a subscriber with `max_rate` gets its next message at once. The
-      bus logs once that it has begun to forget last messages.
+      pubsub logs once that it has begun to forget last messages.
   """
 
   require BB.PubSub.Meter
@@ -133,7 +137,7 @@ defmodule BB.PubSub do
   @publish_schema Options.new!(except: [type: {:list, :pid}, default: []])
 
   @doc """
-  Returns the name of a robot's bus.
+  Returns the name of a robot's pubsub.
 
       iex> BB.PubSub.registry_name(MyRobot)
       MyRobot.PubSub
@@ -147,9 +151,9 @@ defmodule BB.PubSub do
     do: %{id: {__MODULE__, robot}, start: {__MODULE__, :start_link, [robot]}}
 
   @doc """
-  Starts a robot's bus.
+  Starts a robot's pubsub.
 
-  Its tables belong to the calling process, a supervisor. When the bus is killed and the
+  Its tables belong to the calling process, a supervisor. When the pubsub is killed and the
   supervisor restarts it, all subscriptions are kept.
   """
   @spec start_link(module()) :: {:ok, pid()} | {:error, term()}
@@ -159,7 +163,7 @@ defmodule BB.PubSub do
   @doc """
   Subscribes the calling process to a path and all paths below it.
 
-  Each call adds a subscription. Returns `{:ok, pid}` with the pid of the bus. Every message
+  Each call adds a subscription. Returns `{:ok, pid}` with the pid of the pubsub. Every message
   published from then on arrives.
 
   ## Options
@@ -333,7 +337,7 @@ defmodule BB.PubSub do
   end
 
   @doc """
-  Returns the streams that the bus remembers, sorted by path.
+  Returns the streams that the pubsub remembers, sorted by path.
 
   A stream is a path with one payload type that was published there. Each is a map:
 

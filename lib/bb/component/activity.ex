@@ -83,7 +83,7 @@ defmodule BB.Component.Activity do
       :error -> []
     end
   rescue
-    # The bus is being closed.
+    # The pubsub is being closed.
     ArgumentError -> []
   end
 end

@@ -39,7 +39,7 @@ defmodule BB.Component.Keeper do
   `BB.Message.Sensor.Status` on `[:sensor_status | path]`, sets or clears the OTP alarm
   `{kind, robot, path}`, emits the telemetry event `[:bb, :sensor, :status]`, logs the change
   (`BB.Component.StatusEvents`) and updates its row in `health/1` (`BB.Component.Health`). For
-  actuators and controllers their word stands in the place of `sensor`.
+  actuators and controllers, `sensor` is replaced by `actuator` or `controller`.
 
   ## Silence
 
@@ -142,7 +142,7 @@ defmodule BB.Component.Keeper do
 
   def handle_info({:EXIT, _pid, :normal}, keeper), do: {:noreply, keeper}
 
-  # The robot's registry or bus has exited, and has lost what the keeper had registered there.
+  # The robot's registry or pubsub has exited, and has lost what the keeper had registered there.
   def handle_info({:EXIT, _pid, _reason}, keeper), do: {:noreply, register_later(keeper)}
   def handle_info(:register, keeper), do: {:noreply, register(keeper)}
 

@@ -92,7 +92,7 @@ defmodule BB.Component.StatusEvents do
 
     PubSub.publish(robot, Component.status_path(component), message)
   rescue
-    # The bus is being restarted, and has no subscribers.
+    # The pubsub is being restarted, and has no subscribers.
     ArgumentError -> :ok
   end
 end

@@ -1,13 +1,13 @@
 defmodule BB.PubSub.Bus do
   @moduledoc """
-  The parts of a robot's bus, and where to find them.
+  The parts of a robot's pubsub, and where to find them.
 
   Every function of `BB.PubSub` begins with it:
 
       bus = Bus.fetch!(MyRobot)
 
   The term `{BB.PubSub.Bus, routes, bus}` is in `:persistent_term` under the robot's module:
-  publishers read the routes there without a lock or a copy. The bus holds the tables:
+  publishers read the routes there without a lock or a copy. The pubsub holds the tables:
 
     * `subscriptions` and `places` - see `BB.PubSub.Subscriptions`
     * `streams` - `{{path, type}, meter}`, one row for each permanent stream
@@ -17,8 +17,8 @@ defmodule BB.PubSub.Bus do
 
   and `retained`, the prefixes below which messages are kept.
 
-  The tables belong to the process that starts the bus, the robot's root supervisor. So they live
-  as long as the robot, even if the process that writes them (`BB.PubSub.Registrar`) dies.
+  The tables belong to the process that starts the pubsub, the robot's root supervisor. So they
+  live as long as the robot, even if the process that writes them (`BB.PubSub.Registrar`) dies.
   """
 
   alias BB.Path
@@ -44,9 +44,9 @@ defmodule BB.PubSub.Bus do
         }
 
   @doc """
-  Returns the bus whose tables belong to the calling process, a new one if there is none.
+  Returns the pubsub whose tables belong to the calling process, a new one if there is none.
 
-  The bus must have no registrar at the time.
+  The pubsub must have no registrar at the time.
   """
   @spec open(module(), module()) :: t()
   def open(robot, registrar) do
@@ -59,8 +59,8 @@ defmodule BB.PubSub.Bus do
 
       other ->
         raise ArgumentError,
-              "expected the :persistent_term key #{inspect(robot)} to be free for the bus of " <>
-                "that robot, got: #{inspect(other)}"
+              "expected the :persistent_term key #{inspect(robot)} to be free for the pubsub " <>
+                "of that robot, got: #{inspect(other)}"
     end
   end
 
@@ -81,7 +81,7 @@ defmodule BB.PubSub.Bus do
     bus
   end
 
-  @doc "Makes routes and bus known: every publication that begins after the return uses them."
+  @doc "Makes routes and pubsub known: every publication that begins after the return uses them."
   @spec publish(t(), Routes.t()) :: :ok
   def publish(bus, routes), do: :persistent_term.put(bus.robot, {__MODULE__, routes, bus})
 
@@ -92,7 +92,7 @@ defmodule BB.PubSub.Bus do
     routes
   end
 
-  @doc "Returns a robot's bus as publishers know it, or `:error` if the robot is not started."
+  @doc "Returns a robot's pubsub as publishers know it, or `:error` if the robot is not started."
   @spec fetch(module()) :: {:ok, t()} | :error
   def fetch(robot) when is_atom(robot) do
     case :persistent_term.get(robot, nil) do
@@ -104,7 +104,7 @@ defmodule BB.PubSub.Bus do
   def fetch(robot),
     do: raise(ArgumentError, "expected a robot's module, got: #{inspect(robot)}")
 
-  @doc "Returns a robot's bus. Raises `ArgumentError` if the robot is not started."
+  @doc "Returns a robot's pubsub. Raises `ArgumentError` if the robot is not started."
   @spec fetch!(module()) :: t()
   def fetch!(robot) do
     case fetch(robot) do
@@ -118,7 +118,7 @@ defmodule BB.PubSub.Bus do
     end
   end
 
-  @doc "Deletes the bus, and its entry for publishers unless another bus has replaced that."
+  @doc "Deletes the pubsub, and its entry for publishers unless another pubsub has replaced that."
   @spec close(t()) :: :ok
   def close(bus) do
     with {__MODULE__, _routes, %{subscriptions: tid}} when tid == bus.subscriptions <-
@@ -132,7 +132,7 @@ defmodule BB.PubSub.Bus do
     :ok
   end
 
-  @doc "Returns whether the process that started the bus is alive."
+  @doc "Returns whether the process that started the pubsub is alive."
   @spec owned?(t()) :: boolean()
   def owned?(bus) do
     owner = owner(bus)
@@ -148,8 +148,8 @@ defmodule BB.PubSub.Bus do
   end
 
   @doc """
-  Returns the bus with a further retained prefix, or `{:error, most}` if it has as many as it may
-  have.
+  Returns the pubsub with a further retained prefix, or `{:error, most}` if it has as many as it
+  may have.
   """
   @spec retain(t(), Path.t()) :: {:ok, t()} | {:error, pos_integer()}
   def retain(%{retained: retained} = bus, prefix) do

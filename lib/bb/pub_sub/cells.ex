@@ -1,11 +1,11 @@
 defmodule BB.PubSub.Cells do
   @moduledoc """
-  The cells of a bus: the state that a subscription has at one path
+  The cells of a pubsub: the state that a subscription has at one path
   (`BB.PubSub.SubscriptionState`).
 
   `BB.PubSub.Delivery` and `BB.PubSub.Retention` look them up. A subscription has a cell at each
   path of which it got a message while it had `max_rate`, or `replay` on a retained path. Cells
-  are rows `{{subscription_id, path}, cell}` of the bus's table `cells`, removed with the
+  are rows `{{subscription_id, path}, cell}` of the pubsub's table `cells`, removed with the
   subscription or when a transient path is forgotten.
 
       Cells.find(bus, subscription, path, Bus.retained?(bus, path))

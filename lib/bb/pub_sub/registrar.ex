@@ -1,6 +1,6 @@
 defmodule BB.PubSub.Registrar do
   @moduledoc """
-  The process that writes the subscriptions of a bus, and the routes that publishers read.
+  The process that writes the subscriptions of a pubsub, and the routes that publishers read.
 
   `BB.PubSub` calls it to subscribe, to unsubscribe and to retain a prefix. No message passes
   through it. It answers a subscriber when no publisher can miss it any more:
@@ -17,9 +17,9 @@ defmodule BB.PubSub.Registrar do
   list at each change would cost more than it saves.
 
   It monitors the subscribers and removes those that die. It is not linked to them. When the
-  registrar itself dies, nothing is lost: the tables belong to the process that started the bus,
-  publishers use the routes they have, subscribers wait a moment, and the next registrar continues
-  from the tables.
+  registrar itself dies, nothing is lost: the tables belong to the process that started the
+  pubsub, publishers use the routes they have, subscribers wait a moment, and the next registrar
+  continues from the tables.
   """
 
   @moduledoc no_example: "internal: BB.PubSub is its interface"
@@ -67,7 +67,7 @@ defmodule BB.PubSub.Registrar do
   ]
 
   @doc """
-  Starts the bus of a robot.
+  Starts the pubsub of a robot.
 
   Its tables belong to the caller. Tables that the caller has already are used again.
   """
@@ -86,7 +86,7 @@ defmodule BB.PubSub.Registrar do
   @doc """
   Removes the subscriptions of a process at a path.
 
-  Returns `:ok` also if the bus has ended.
+  Returns `:ok` also if the pubsub has ended.
   """
   @spec unsubscribe(Bus.t(), pid(), Path.t()) :: :ok
   def unsubscribe(bus, pid, path) do

@@ -2,7 +2,7 @@ defmodule BB.PubSub.Routes do
   @few 8
 
   @moduledoc """
-  The routes of a bus: for each stream, the processes that get its messages. All functions are
+  The routes of a pubsub: for each stream, the processes that get its messages. All functions are
   pure.
 
   `BB.PubSub.Registrar` makes routes when subscriptions change, and publishers look theirs up:

@@ -1,6 +1,7 @@
 defmodule BB.PubSub.Streams do
   @moduledoc """
-  The streams of a bus: each path with each payload type that was published there, and its meter.
+  The streams of a pubsub: each path with each payload type that was published there, and its
+  meter.
 
   A publisher without a route finds the meter of its stream here, and so do `BB.PubSub.topics/1`
   and the components that check for silence:

@@ -1,7 +1,7 @@
 defmodule BB.PubSub.Subscribers do
   @moduledoc """
-  The subscribers of a bus: a monitor for each, the number of subscriptions at each path, and the
-  processes with a `unique` subscription.
+  The subscribers of a pubsub: a monitor for each, the number of subscriptions at each path, and
+  the processes with a `unique` subscription.
 
   `BB.PubSub.Registrar` holds it in its state. The calling process owns the monitors:
 

@@ -1,6 +1,6 @@
 defmodule BB.PubSub.Subscriptions do
   @moduledoc """
-  All subscriptions of a bus, by path and by process.
+  All subscriptions of a pubsub, by path and by process.
 
   `BB.PubSub.Registrar` writes them. Publishers without a route read them, as do the functions
   that list subscribers:

@@ -444,7 +444,7 @@ defmodule BB.PubSub.RetentionTest do
     :persistent_term.put(robot, :mine)
     assert_raise ArgumentError, ~r/is not started/, fn -> publish(robot, [:a], [1]) end
 
-    assert_raise ArgumentError, ~r/to be free for the bus of that robot, got: :mine/, fn ->
+    assert_raise ArgumentError, ~r/to be free for the pubsub of that robot, got: :mine/, fn ->
       PubSub.start_link(robot)
     end
 
