@@ -2,8 +2,8 @@ defmodule BB.Bus.Sim.Place do
   @moduledoc """
   One address of a simulated bus: the device's model, its state and its fault.
 
-  `BB.Bus.Sim.Server` keeps one for each address. A place stays when its device is unplugged. It is
-  pure, except that it logs a model that raises.
+  `BB.Bus.Sim.Server` keeps one for each address. A place stays when its device is unplugged. The
+  module is pure, except that it logs a model that raises.
   """
   @moduledoc no_example: "internal: BB.Bus.Sim is its interface"
 
