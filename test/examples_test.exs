@@ -21,7 +21,7 @@ defmodule ExamplesTest do
       ~S(the credit is used up),
       ~S(message 15: scan 15, after 12 lost),
       ~S(message 22: scan 22),
-      ~S{no second publisher: the topic has a live publisher \(process \d+\)},
+      ~S{no second publisher: the topic has a live publisher \(process \d+\); end it, or publish on another topic},
       ~S(published: 23, subscribers: 1)
     ],
     "examples/native_process.exs" => [

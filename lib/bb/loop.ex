@@ -73,7 +73,7 @@ defmodule BB.Loop do
   def new(bb, opts) do
     case Keyword.validate!(opts, [:clock]) do
       [clock: clock] -> %__MODULE__{bb: bb, clock: clock, period_ns: period_ns(clock)}
-      [] -> raise ArgumentError, "expected the option clock: {:rate, hertz} or clock: :external"
+      [] -> raise ArgumentError, "expected clock: {:rate, hertz} or clock: :external, got: []"
     end
   end
 

@@ -89,8 +89,13 @@ defmodule BB.Parameter do
   def get!(robot, path) do
     case Values.fetch(robot, path) do
       {:ok, value} -> value
-      :error -> raise ArgumentError, "#{inspect(robot)} has no parameter #{inspect(path)}"
+      :error -> raise ArgumentError, format_unknown(robot, path)
     end
+  end
+
+  defp format_unknown(robot, path) do
+    "expected a parameter of #{inspect(robot)}, got: #{inspect(path)}; " <>
+      "BB.Parameter.list(#{inspect(robot)}) lists them"
   end
 
   @doc """

@@ -41,9 +41,9 @@ defmodule BB.Ring do
 
       config :ganglion, BB.Ring, trusted_users: ["vision", 1001], trusted_groups: ["robot"]
 
-  These programs trust the user of the VM by their environment, such as
-  `CONDUIT_RING_TRUSTED_UIDS=0`. `CONDUIT_RING_TRUSTED_UIDS` and `CONDUIT_RING_TRUSTED_GIDS` are
-  lists of numbers or names, separated by commas. The VM reads them too.
+  To trust the VM's user, set `CONDUIT_RING_TRUSTED_UIDS` in the environment of these programs. It
+  and `CONDUIT_RING_TRUSTED_GIDS` are lists of numbers or names, separated by commas. The VM reads
+  them too.
 
   ## Errors
 
@@ -169,14 +169,18 @@ defmodule BB.Ring do
   Formats the reason of an error.
 
       iex> BB.Ring.format_error(:message_too_large)
-      "the message is longer than a slot of the topic"
+      "the message is longer than a slot of the topic; open the publisher with a larger slot_size"
   """
   @spec format_error(term()) :: String.t()
-  def format_error({:publisher_alive, 0}), do: "the topic has a live publisher"
-  def format_error({:publisher_alive, pid}), do: "the topic has a live publisher (process #{pid})"
+  def format_error({:publisher_alive, pid}) do
+    process = if pid == 0, do: "", else: " (process #{pid})"
+    "the topic has a live publisher#{process}; end it, or publish on another topic"
+  end
 
-  def format_error({:legacy_topic, path}),
-    do: "#{path} belongs to a publisher without the extension and may be in use"
+  def format_error({:legacy_topic, path}) do
+    "#{path} belongs to a publisher without the extension and may be in use; " <>
+      "end that publisher and remove the file, or publish on another topic"
+  end
 
   def format_error({:foreign_owner, path, uid, name}) do
     owner = if name, do: "#{uid} (#{name})", else: "#{uid}"
@@ -186,10 +190,12 @@ defmodule BB.Ring do
   end
 
   def format_error({:not_a_ring, path, text}), do: "#{path} is not a usable ring: #{text}"
-  def format_error({:no_topic, path}), do: "topic #{path} does not exist"
+
+  def format_error({:no_topic, path}),
+    do: "topic #{path} does not exist; start its publisher, or correct the name"
 
   def format_error({:no_reader_slot, path}),
-    do: "#{path} has 16 subscribers, and no place for another"
+    do: "#{path} has 16 subscribers, and no place for another; close one of them"
 
   def format_error({:system, path, operation, @no_space}),
     do:
@@ -199,16 +205,28 @@ defmodule BB.Ring do
   def format_error({:system, path, operation, errno}),
     do: "#{path}: #{operation} failed: #{BB.Errno.message(errno)}"
 
-  def format_error({:other_content, 0}),
-    do: "the topic has no content tag"
+  def format_error({:other_content, 0}) do
+    "expected a topic with the subscriber's content, got: no content tag; " <>
+      "set `content` at the publisher, or open the subscriber without it"
+  end
 
-  def format_error({:other_content, tag}),
-    do: "the topic has messages of another content: its content tag is #{hex(tag)}"
+  def format_error({:other_content, tag}) do
+    "expected a topic with the subscriber's content, got: the content tag #{hex(tag)}; " <>
+      "correct the topic, or `content` at the publisher or the subscriber"
+  end
 
   def format_error({:thread, text}), do: "could not start a thread: #{text}"
   def format_error(:closed), do: "the publisher or subscriber is closed"
-  def format_error(:message_too_large), do: "the message is longer than a slot of the topic"
-  def format_error(:slot_held), do: "subscribers hold all slots of the topic"
+
+  def format_error(:message_too_large),
+    do:
+      "the message is longer than a slot of the topic; open the publisher with a larger slot_size"
+
+  def format_error(:slot_held) do
+    "subscribers hold all slots of the topic; release their messages, or open the publisher " <>
+      "with a larger slot_count"
+  end
+
   def format_error(reason), do: inspect(reason)
 
   defp hex(tag), do: "0x" <> (tag |> Integer.to_string(16) |> String.pad_leading(16, "0"))

@@ -87,9 +87,11 @@ defmodule BB.ParameterTest do
       robot = start_tunable()
       assert Parameter.get!(robot, [:debug]) == false
 
-      assert_raise ArgumentError, "#{inspect(robot)} has no parameter [:nope]", fn ->
-        Parameter.get!(robot, [:nope])
-      end
+      message =
+        "expected a parameter of #{inspect(robot)}, got: [:nope]; " <>
+          "BB.Parameter.list(#{inspect(robot)}) lists them"
+
+      assert_raise ArgumentError, message, fn -> Parameter.get!(robot, [:nope]) end
     end
 
     test "raises ArgumentError when the robot is not started, as all functions do" do

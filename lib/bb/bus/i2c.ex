@@ -110,8 +110,8 @@ defmodule BB.Bus.I2C do
 
   ## Options
 
-  - `:timeout`: how long a device may hold the bus, in milliseconds. It is brought into 20..50;
-    the bus has the smallest timeout of all its handles. The default, below 0, is 50;
+  - `:timeout`: how long a device may hold the bus, in milliseconds; it is limited to 20..50. A
+    negative value, as by default, means 50. The bus has the smallest timeout of all its handles;
   - `:retries`: how often a failed transfer of this handle is tried again, each time behind the
     transfers that wait; default 0;
   - `:backend`: a module in the place of `backend/0`;
@@ -123,7 +123,7 @@ defmodule BB.Bus.I2C do
   @spec open(String.t(), keyword()) :: {:ok, t()} | {:error, term()}
   def open(bus_name, opts \\ []) when is_binary(bus_name) do
     backend = Keyword.get_lazy(opts, :backend, &backend/0)
-    timeout_ms = timeout_ms(integer!(opts, :timeout, -1))
+    timeout_ms = opts |> Keyword.get(:timeout, -1) |> timeout_ms!()
     retries = retries!(opts, 0)
     clock = Keyword.get(opts, :clock, :real)
 
@@ -217,20 +217,23 @@ defmodule BB.Bus.I2C do
          do: transfer(bus, function, arguments, retries - 1)
   end
 
-  defp timeout_ms(timeout) when timeout < 0, do: @timeouts_ms.last
-  defp timeout_ms(timeout), do: timeout |> max(@timeouts_ms.first) |> min(@timeouts_ms.last)
+  defp timeout_ms!(timeout) when is_integer(timeout) and timeout < 0, do: @timeouts_ms.last
 
-  defp retries!(opts, default) do
-    case integer!(opts, :retries, default) do
-      retries when retries >= 0 -> retries
-      _ -> raise ArgumentError, "retries must be a non-negative integer"
-    end
+  defp timeout_ms!(timeout) when is_integer(timeout),
+    do: timeout |> max(@timeouts_ms.first) |> min(@timeouts_ms.last)
+
+  defp timeout_ms!(other) do
+    raise ArgumentError,
+          "expected timeout: an integer in milliseconds, got: #{inspect(other)}"
   end
 
-  defp integer!(opts, key, default) do
-    case Keyword.get(opts, key, default) do
-      value when is_integer(value) -> value
-      other -> raise ArgumentError, "#{key} must be an integer, got: #{inspect(other)}"
+  defp retries!(opts, default) do
+    case Keyword.get(opts, :retries, default) do
+      retries when is_integer(retries) and retries >= 0 ->
+        retries
+
+      other ->
+        raise ArgumentError, "expected retries: an integer from 0 on, got: #{inspect(other)}"
     end
   end
 end

@@ -32,6 +32,15 @@ defmodule BB.Firmware.Robots do
     Enum.find([:armed, :disarming, :error], :disarmed, &(&1 in states))
   end
 
+  @doc """
+  Returns those of the robots that are armed.
+
+      iex> BB.Firmware.Robots.armed([NoRobot])
+      []
+  """
+  @spec armed([module()]) :: [module()]
+  def armed(robots), do: Enum.filter(robots, &Safety.armed?/1)
+
   @doc "Disarms robots, all at once, and waits at most `limit_ms`."
   @spec disarm([module()], pos_integer()) :: :ok
   def disarm(robots, limit_ms \\ 10_000) do

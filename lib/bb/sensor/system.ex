@@ -82,7 +82,7 @@ defmodule BB.Sensor.System do
     do: "#{path} cannot be read: #{:file.format_error(posix)}"
 
   def explain({:unexpected, path, text}),
-    do: "#{path} has an unexpected format: #{inspect(text, printable_limit: 80)}"
+    do: "expected numbers in #{path}, got: #{inspect(text, printable_limit: 80)}"
 
   def explain({:no_thermal_zone, type, []}),
     do: "thermal zone #{type} does not exist: the board has none"

@@ -119,10 +119,15 @@ defmodule Ganglion.Demo.Options do
 
   defp check_inputs(Ganglion.Robot, _given), do: :ok
 
-  defp check_inputs(_robot, given) do
+  defp check_inputs(robot, given) do
     case Keyword.take(given, [:imu, :frames]) do
-      [] -> :ok
-      [{option, _} | _] -> {:error, "--#{option} works with the robot ganglion only"}
+      [] ->
+        :ok
+
+      [{option, _} | _] ->
+        {:error,
+         "--#{option}: expected the robot ganglion, got: #{inspect(robot)}; " <>
+           "add --robot ganglion, or leave --#{option} out"}
     end
   end
 

@@ -253,6 +253,7 @@ defmodule BB.Bus.Linux.I2C do
         close(bus)
         found
 
+      # In the words of Circuits.I2C, as in value!/1.
       {:error, error} ->
         raise "I2C discovery error: Opening #{name} failed with #{inspect(error)}"
     end
@@ -264,6 +265,7 @@ defmodule BB.Bus.Linux.I2C do
   defp format_found(addresses),
     do: Enum.map_join(addresses, ", ", &"0x#{Integer.to_string(&1, 16)}")
 
+  # The message has the words of Circuits.I2C.
   defp value!(:ok), do: :ok
   defp value!({:ok, value}), do: value
   defp value!({:error, reason}), do: raise("I2C failure: #{inspect(reason)}")
@@ -273,13 +275,19 @@ defmodule BB.Bus.Linux.I2C do
   defp steps!(timeout) when is_integer(timeout) and timeout <= @longest_timeout_ms,
     do: max(div(timeout + div(@step_ms, 2), @step_ms), 1)
 
-  defp steps!(other),
-    do: raise(ArgumentError, "timeout must be an integer in milliseconds, got: #{inspect(other)}")
+  defp steps!(other) do
+    raise ArgumentError,
+          "expected timeout: an integer in milliseconds up to #{@longest_timeout_ms}, " <>
+            "got: #{inspect(other)}"
+  end
 
   defp retries!(opts, default) do
     case Keyword.get(opts, :retries, default) do
-      retries when is_integer(retries) and retries >= 0 -> retries
-      _ -> raise ArgumentError, "retries must be a non-negative integer"
+      retries when is_integer(retries) and retries >= 0 ->
+        retries
+
+      other ->
+        raise ArgumentError, "expected retries: an integer from 0 on, got: #{inspect(other)}"
     end
   end
 

@@ -55,7 +55,7 @@ defmodule BB.Bus.Sim.I2C do
   ## Options
 
   - `:timeout`: how long a device may hold the bus, in milliseconds, in steps of 10 as on Linux
-    and at least 10. The default, below 0, is 1000;
+    and at least 10. A negative value, as by default, means 1000;
   - `:retries`: how often a failed transfer is tried again; default 0.
 
   Other options are ignored.
@@ -143,15 +143,21 @@ defmodule BB.Bus.Sim.I2C do
 
   defp timeout_ms!(timeout) when is_integer(timeout) and timeout < 0, do: @default_timeout_ms
   defp timeout_ms!(timeout) when is_integer(timeout), do: max(div(timeout + 5, 10), 1) * 10
-  defp timeout_ms!(_), do: raise(ArgumentError, "timeout must be an integer")
+
+  defp timeout_ms!(other) do
+    raise ArgumentError,
+          "expected timeout: an integer in milliseconds, got: #{inspect(other)}"
+  end
 
   defp retries!(retries) when is_integer(retries) and retries >= 0, do: retries
-  defp retries!(_), do: raise(ArgumentError, "retries must be a non-negative integer")
+
+  defp retries!(other),
+    do: raise(ArgumentError, "expected retries: an integer from 0 on, got: #{inspect(other)}")
 
   defp address!(address) when is_integer(address) and address >= 0, do: address
 
   defp address!(other),
-    do: raise(ArgumentError, "expected a 7-bit address, got: #{inspect(other)}")
+    do: raise(ArgumentError, "expected an address: an integer from 0 on, got: #{inspect(other)}")
 
   defp count!(count) when is_integer(count) and count >= 0, do: count
 

@@ -10,8 +10,9 @@ defmodule BB.Firmware.Gate.Precheck do
   alias BB.Firmware.Board
 
   @typedoc """
-  The facts: the reply of the `lock`, and if it is held the `safety` state of the robots, the
-  `validation` of the running firmware, the file of the public `key`, and whether the `gate` runs.
+  The facts: the reply of the `lock`, and if it is held the `safety` state of the robots, those
+  that are `armed`, the `validation` of the running firmware, the file of the public `key`, and
+  whether the `gate` runs.
   """
   @type facts ::
           %{lock: {:error, :updating | :written | :unknown}}
@@ -20,6 +21,7 @@ defmodule BB.Firmware.Gate.Precheck do
               required(:safety) => BB.Safety.state(),
               required(:validation) => Board.status() | {:error, term()},
               required(:key) => {:ok, Path.t()} | {:error, term()},
+              optional(:armed) => [module()],
               optional(:gate) => :running | :not_running
             }
 
@@ -31,15 +33,16 @@ defmodule BB.Firmware.Gate.Precheck do
       iex> facts = Map.merge(facts, %{safety: :disarmed, validation: :validated})
       iex> BB.Firmware.Gate.Precheck.decide(facts)
       :ok
-      iex> BB.Firmware.Gate.Precheck.decide(%{facts | safety: :armed})
-      {:error, "the robot is armed; disarm it first"}
+      iex> facts = Map.merge(facts, %{safety: :armed, armed: [MyRobot]})
+      iex> BB.Firmware.Gate.Precheck.decide(facts)
+      {:error, "robot MyRobot is armed; disarm it with BB.Safety.disarm(MyRobot)"}
   """
   @spec decide(facts()) :: :ok | {:error, String.t()}
   def decide(facts) do
     with :ok <- lock(facts.lock),
          :ok <- key(facts.key),
          :ok <- validation(facts.validation, Map.get(facts, :gate, :running)),
-         do: safety(facts.safety)
+         do: safety(facts.safety, Map.get(facts, :armed, []))
   end
 
   defp lock(:ok), do: :ok
@@ -77,7 +80,14 @@ defmodule BB.Firmware.Gate.Precheck do
     do: {:error, "the validation of the running firmware is unknown: #{inspect(reason)}"}
 
   # In :error software cannot make the robot safer, and an update may be the remedy.
-  defp safety(state) when state in [:disarmed, :error], do: :ok
-  defp safety(:armed), do: {:error, "the robot is armed; disarm it first"}
-  defp safety(:disarming), do: {:error, "the robot is being disarmed; try again"}
+  defp safety(state, _armed) when state in [:disarmed, :error], do: :ok
+  defp safety(:disarming, _armed), do: {:error, "the robot is being disarmed; try again"}
+
+  defp safety(:armed, [robot | _]) do
+    robot = inspect(robot)
+    {:error, "robot #{robot} is armed; disarm it with BB.Safety.disarm(#{robot})"}
+  end
+
+  # It was disarmed after its state was read.
+  defp safety(:armed, []), do: {:error, "the robot was armed a moment ago; try again"}
 end

@@ -74,7 +74,8 @@ defmodule BB.Bus.Sim.Mpu6050.Source do
         check!(opts[:speed], opts[:at_end])
 
       {:error, unknown} ->
-        raise ArgumentError, "unknown options of a recording: #{inspect(unknown)}"
+        raise ArgumentError,
+              "unknown options #{inspect(unknown)} of a recording, expected: speed:, at_end:"
     end
   end
 
