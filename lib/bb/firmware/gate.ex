@@ -1,37 +1,4 @@
 defmodule BB.Firmware.Gate do
-  @own [
-    board: [
-      type: {:tuple, [:module, :any]},
-      doc: "The board (`BB.Firmware.Board`); default: the configured one."
-    ],
-    public_key: [
-      type: :string,
-      default: "/etc/ganglion/firmware.pub",
-      doc: "The file with the public key of updates."
-    ],
-    folder: [
-      type: :string,
-      doc: "The folder with the marker of an update; default: the folder of `BB.Firmware.Guard`."
-    ],
-    settle_ms: [
-      type: :non_neg_integer,
-      default: 3_000,
-      doc:
-        "The time in milliseconds that the next upload waits after an upload. It ends after " <>
-          "the report whether the upload succeeded."
-    ]
-  ]
-
-  @schema BB.Options.new!(
-            [
-              robot: [type: :module, required: true, doc: "The robot that must not be armed."],
-              name: [type: :any, default: __MODULE__, doc: "The name of the process."]
-            ] ++ @own
-          )
-
-  # The configured options, for a gate that does not run.
-  @own_schema BB.Options.new!(@own)
-
   @moduledoc """
   Accepts or refuses firmware updates. Configure it for the upload over ssh; other uploaders call
   `precheck/2` and `written/2`.
@@ -61,7 +28,7 @@ defmodule BB.Firmware.Gate do
 
   ## Options
 
-  #{BB.Options.docs(@schema)}
+  #{BB.Options.docs(BB.Firmware.Gate.Options.schema(__MODULE__))}
   """
 
   use GenServer
@@ -70,8 +37,10 @@ defmodule BB.Firmware.Gate do
   require Logger
 
   alias BB.Firmware.{Board, Guard, Robots, Story, Trial}
-  alias BB.Firmware.Gate.{LockServer, Precheck}
+  alias BB.Firmware.Gate.{LockServer, Options, Precheck}
 
+  @schema Options.schema(__MODULE__)
+  @configured Options.configured()
   @call_timeout_ms 5_000
 
   @doc "Starts the gate. Raises `BB.Options.ValidationError` for wrong options."
@@ -165,7 +134,7 @@ defmodule BB.Firmware.Gate do
 
     opts
     |> valid_options()
-    |> BB.Options.validate!(@own_schema)
+    |> BB.Options.validate!(@configured)
     |> Map.new()
     |> Map.merge(%{name: gate, gate: :not_running})
     |> complete()
@@ -174,8 +143,8 @@ defmodule BB.Firmware.Gate do
   # A wrong option may be the reason why the gate does not run. Its default holds then.
   defp valid_options(opts) when is_list(opts) do
     for {name, _value} = option <- opts,
-        Keyword.has_key?(@own, name),
-        match?({:ok, _}, BB.Options.validate([option], @own_schema)),
+        Keyword.has_key?(@configured.schema, name),
+        match?({:ok, _}, BB.Options.validate([option], @configured)),
         do: option
   end
 
@@ -209,7 +178,8 @@ defmodule BB.Firmware.Gate do
       gate: settings.gate,
       key: key(settings.key),
       validation: Trial.status(settings.folder, settings.board),
-      safety: Robots.state(settings.robots)
+      safety: Robots.state(settings.robots),
+      armed: Robots.armed(settings.robots)
     }
   end
 

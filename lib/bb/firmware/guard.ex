@@ -1,56 +1,4 @@
 defmodule BB.Firmware.Guard do
-  @folder "/data/guard"
-
-  @schema BB.Options.new!(
-            robot: [type: :module, required: true, doc: "The robot that must work."],
-            name: [type: :any, default: __MODULE__, doc: "The name of the process."],
-            board: [
-              type: {:tuple, [:module, :any]},
-              doc: "The board (`BB.Firmware.Board`); default: the configured one."
-            ],
-            network: [
-              type: {:tuple, [:module, :any]},
-              doc: "The network (`BB.Firmware.Network.Adapter`); default: the configured one."
-            ],
-            reach: [
-              type: {:in, [:none, :lan, :internet]},
-              default: :lan,
-              doc: "The required reach of the network; `:none` for no network."
-            ],
-            stability_ms: [
-              type: :non_neg_integer,
-              default: 10_000,
-              doc: "The time in milliseconds for which all checks must be good without a break."
-            ],
-            deadline_ms: [
-              type: :pos_integer,
-              default: 300_000,
-              doc: "The time in milliseconds from the start of the VM to the revert."
-            ],
-            fresh_ms: [
-              type: :pos_integer,
-              default: 1_000,
-              doc: "The greatest age in milliseconds of a sample, and of a good check."
-            ],
-            poll_ms: [
-              type: :pos_integer,
-              default: 250,
-              doc: "The period of the checks in milliseconds."
-            ],
-            folder: [type: :string, default: @folder, doc: "The folder of the findings."],
-            topic: [
-              type: :string,
-              default: "firmware_guard",
-              doc:
-                "The ring topic for the round trip, of the guard alone, behind the robot's " <>
-                  "prefix (`BB.Topic`)."
-            ],
-            started_ms: [
-              type: :integer,
-              doc: "The start of the VM on the monotonic clock, in milliseconds."
-            ]
-          )
-
   @moduledoc """
   Validates new firmware if the robot works with it, and reverts it otherwise. Use it on boards;
   `BB.Firmware.Supervisor` starts it with the configured options.
@@ -61,7 +9,7 @@ defmodule BB.Firmware.Guard do
   validated. The guard validates firmware when all of these checks hold for the stability
   window, without a break:
 
-    * each sensor with `required: true` has published fresh samples, as fresh as its
+    * each sensor with `required: true` has published fresh readings, as fresh as its
       `max_silence` and its rate allow,
     * native processes, outlets and inlets are up and were not started again,
     * a message on the pubsub and a message on the ring have returned to the guard,
@@ -86,7 +34,7 @@ defmodule BB.Firmware.Guard do
 
   ## Options
 
-  #{BB.Options.docs(@schema)}
+  #{BB.Options.docs(BB.Firmware.Guard.Options.schema(__MODULE__))}
   """
 
   use GenServer
@@ -95,10 +43,11 @@ defmodule BB.Firmware.Guard do
   require Logger
 
   alias BB.Firmware.{Board, Story, Trial}
-  alias BB.Firmware.Guard.{Checks, Heart, Validation}
+  alias BB.Firmware.Guard.{Checks, Heart, Options, Validation}
   alias BB.Firmware.Network.Adapter
   alias BB.Firmware.Trial.Findings
 
+  @schema Options.schema(__MODULE__)
   @call_timeout_ms 1_000
   @note_ms 15_000
   @by "its guard"
@@ -133,7 +82,8 @@ defmodule BB.Firmware.Guard do
 
   @doc "Returns the folder of the guard's files, from the configuration of the guard."
   @spec folder() :: Path.t()
-  def folder, do: Keyword.get(Application.get_env(:ganglion, __MODULE__, []), :folder, @folder)
+  def folder,
+    do: Keyword.get(Application.get_env(:ganglion, __MODULE__, []), :folder, Options.folder())
 
   @impl GenServer
   def init(opts) do
@@ -168,7 +118,7 @@ defmodule BB.Firmware.Guard do
     {:ok, state, {:continue, :check}}
   end
 
-  # A name that is too long with the prefix is used without it.
+  # A name that is too long with the topic prefix is used without it.
   defp topic(robot, name) do
     case BB.Topic.of(robot, name) do
       {:ok, topic} -> topic

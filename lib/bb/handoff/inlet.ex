@@ -1,37 +1,4 @@
 defmodule BB.Handoff.Inlet do
-  @schema BB.Options.new!(
-            topic: [
-              type: {:custom, BB.Topic, :check_declared_found, []},
-              required: true,
-              doc: "The ring topic, after the robot's prefix (`BB.Topic`)."
-            ],
-            encoding: [
-              type: {:behaviour, BB.Handoff.Encoding},
-              required: true,
-              doc: "The encoding of the messages."
-            ],
-            to: [
-              type: {:list, :atom},
-              doc: "The pubsub path; by default the sensor's own, `[:sensor | path]`."
-            ],
-            credits: [
-              type: {:in, 1..1024},
-              default: 64,
-              doc: """
-              Messages that may wait in the inlet's mailbox. Faster ones stay in the ring, and \
-              may be lost there.
-              """
-            ],
-            untagged: [
-              type: :boolean,
-              default: false,
-              doc: """
-              Whether to accept a topic without a content tag. A message that does not decode is \
-              then malformed, and one that decodes by chance is published.
-              """
-            ]
-          )
-
   @moduledoc """
   A sensor that carries a ring topic onto a pubsub path.
 
@@ -66,10 +33,10 @@ defmodule BB.Handoff.Inlet do
 
   ## Options
 
-  #{BB.Options.docs(@schema)}
+  #{BB.Options.docs(BB.Handoff.Inlet.Options.schema())}
   """
 
-  use BB.Sensor, options_schema: @schema
+  use BB.Sensor, options_schema: BB.Handoff.Inlet.Options.schema()
 
   alias BB.Handoff.Content
   alias BB.Ring.{Message, Subscriber}

@@ -1,32 +1,4 @@
 defmodule BB.Handoff.Outlet do
-  @schema BB.Options.new!(
-            from: [
-              type: {:list, :atom},
-              required: true,
-              doc: "The pubsub path, with all paths below it."
-            ],
-            topic: [
-              type: {:custom, BB.Topic, :check_declared, []},
-              required: true,
-              doc: "The ring topic, after the robot's prefix (`BB.Topic`)."
-            ],
-            encoding: [
-              type: {:behaviour, BB.Handoff.Encoding},
-              required: true,
-              doc: "The encoding of the messages."
-            ],
-            slot_count: [
-              type: {:custom, BB.Ring.Publisher, :check_slot_count, []},
-              default: 16,
-              doc: "As in `BB.Ring.Publisher`."
-            ],
-            slot_size: [
-              type: {:in, 21..0x4000_0000},
-              default: 4096,
-              doc: "As in `BB.Ring.Publisher`."
-            ]
-          )
-
   @moduledoc """
   A sensor that carries a pubsub path into a ring topic.
 
@@ -66,10 +38,10 @@ defmodule BB.Handoff.Outlet do
 
   ## Options
 
-  #{BB.Options.docs(@schema)}
+  #{BB.Options.docs(BB.Handoff.Outlet.Options.schema())}
   """
 
-  use BB.Sensor, options_schema: @schema
+  use BB.Sensor, options_schema: BB.Handoff.Outlet.Options.schema()
 
   alias BB.Ring.Publisher
 

@@ -1,86 +1,4 @@
 defmodule BB.Sensor.NativeProcess do
-  @schema BB.Options.new!(
-            program: [
-              type: {:custom, BB.Sensor.NativeProcess.Program, :check, []},
-              required: true,
-              type_doc: "`t:BB.Sensor.NativeProcess.Program.t/0`",
-              doc: """
-              `{:my_app, "name"}`, a program in the `priv/bin` of that application; the name of \
-              a program that ships with Ganglion; a path; a name that is looked up in `PATH`; or \
-              a function that returns one of these at each start: `&MyRobot.detector/0` or \
-              `{module, function, arguments}`.
-              """
-            ],
-            topics: [
-              type: :keyword_list,
-              default: [],
-              doc: """
-              The ring topics that the program works with, as options of its command line: \
-              `frames: "camera"` becomes `--frames camera`, with the robot's prefix before \
-              `camera` (`BB.Topic`).
-              """
-            ],
-            publishes: [
-              type: {:list, {:or, [:atom, :string]}},
-              doc: """
-              The ring topics that the program publishes, for `max_silence`: keys of `topics`, \
-              or names. Without it, those of `topics` whose writer is the program, or all when \
-              each has another writer.
-              """
-            ],
-            args: [
-              type: {:or, [{:list, :string}, {:tuple, [:atom, :atom, {:list, :any}]}]},
-              default: [],
-              doc: """
-              Further arguments, or `{module, function, arguments}` that returns them at each \
-              start.
-              """
-            ],
-            env: [
-              type: {:list, {:tuple, [:string, :string]}},
-              default: [],
-              doc: "Environment variables in addition to the BEAM's own."
-            ],
-            grace_ms: [
-              type: {:in, 0..10_000},
-              default: 500,
-              doc: """
-              Milliseconds from SIGTERM to SIGKILL when the program is stopped; its sensor waits.
-              """
-            ],
-            halt_ms: [
-              type: {:or, [{:in, 0..3_600_000}, {:literal, :infinity}]},
-              default: 1_000,
-              doc: "Milliseconds for which SIGSTOP may halt the program before it is restarted."
-            ],
-            hang_ms: [
-              type: {:or, [{:in, 0..3_600_000}, {:literal, :infinity}]},
-              default: 10_000,
-              doc: """
-              Milliseconds beyond its `max_silence` for which the program may publish nothing \
-              before it is restarted. More than it takes to start.
-              """
-            ],
-            nice: [
-              type: {:in, 0..19},
-              default: 5,
-              doc: """
-              The program's nice value: a higher one yields more to other processes. The BEAM, \
-              with the sensors' own deadlines, runs at 0.
-              """
-            ],
-            log_level: [
-              type: {:in, [:debug, :info, :notice, :warning, :error]},
-              default: :info,
-              doc: "The level at which the program's output is logged."
-            ],
-            log_rate: [
-              type: {:in, 1..1_000},
-              default: 100,
-              doc: "Lines a second that the program may print; ten times as many at once."
-            ]
-          )
-
   @moduledoc """
   An operating-system process in the sensor tree: a camera, a detector, or any other program that
   works through the ring.
@@ -101,9 +19,8 @@ defmodule BB.Sensor.NativeProcess do
 
   No process is left, however the BEAM ends. The program runs under `process_guard`, which ends
   it, and everything that it started, when its sensor stops or when the pipe to the BEAM closes,
-  also because SIGKILL has ended the BEAM. The sensor stops only after all its processes have
-  exited. When `process_guard` itself is killed, all its processes are ended too, and the sensor
-  goes down.
+  even if SIGKILL ended the BEAM. The sensor stops only after all its processes have exited. When
+  `process_guard` itself is killed, all its processes are ended too, and the sensor goes down.
 
   ## Output
 
@@ -114,9 +31,11 @@ defmodule BB.Sensor.NativeProcess do
 
   ## Hanging programs
 
-  A program that has stopped working is ended and restarted: when a signal has halted it for
-  `halt_ms`; and, if its robot declares a `max_silence`, when it has published nothing on its
-  topics for that time (the sensor is `:stale` then) and for `hang_ms` more.
+  A program that has stopped working is ended and restarted:
+
+    * after `halt_ms`, when a signal has halted it
+    * after its `max_silence` and `hang_ms` more, when it has published nothing on its topics; the
+      sensor is `:stale` in between. A sensor without `max_silence` has no such limit.
 
   ## Reasons
 
@@ -124,7 +43,8 @@ defmodule BB.Sensor.NativeProcess do
 
     * `{:program_not_found, name}`, `{:not_executable, path}`, `{:unknown_application, app}`,
       `{:no_program, text}` - `program:` names no program that can be run
-    * `{:topic, text}` - a name in `topics` or `publishes` is not valid under the robot's prefix
+    * `{:topic, text}` - a name in `topics` or `publishes` is not valid under the robot's topic
+      prefix
     * `{:not_started, reason}` - the operating system refused to start the program
     * `{:no_topic, key}` - `publishes` names a key that `topics` does not have
     * `{:exit_status, n}` - the program exited; n is 128 plus the signal's number when a signal
@@ -133,10 +53,10 @@ defmodule BB.Sensor.NativeProcess do
 
   ## Options
 
-  #{BB.Options.docs(@schema)}
+  #{BB.Options.docs(BB.Sensor.NativeProcess.Options.schema())}
   """
 
-  use BB.Sensor, options_schema: @schema
+  use BB.Sensor, options_schema: BB.Sensor.NativeProcess.Options.schema()
 
   require Logger
 
@@ -259,9 +179,14 @@ defmodule BB.Sensor.NativeProcess do
          {:late, state} <- await_exit(state, now_ms() + state.grace_ms + @kill_limit_ms),
          :ok <- Guard.wake(port),
          {:late, state} <- await_exit(state, now_ms() + @wake_limit_ms),
-         do: Logger.error("#{state.name}: the program does not exit")
+         do: Logger.error("#{state.name}: #{format_late(state.grace_ms)}")
 
     Guard.close(port)
+  end
+
+  defp format_late(grace_ms) do
+    "the program has not exited within #{grace_ms + @kill_limit_ms + @wake_limit_ms} ms; " <>
+      "it may hang in a driver of the kernel"
   end
 
   defp await_exit(%{port: port} = state, until_ms) do

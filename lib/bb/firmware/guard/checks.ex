@@ -3,8 +3,8 @@ defmodule BB.Firmware.Guard.Checks do
   The checks of a guard, in a struct that the guard's process has. They turn messages and the
   states of components into the events of `BB.Firmware.Guard.Validation`.
 
-    * `{:sensor, name}` for each required sensor - good with a fresh sample, bad when the sensor
-      is down or was started again. Its `max_silence` and its rate may allow older samples than
+    * `{:sensor, name}` for each required sensor - good with a fresh reading, bad when the sensor
+      is down or was started again. Its `max_silence` and its rate may allow older readings than
       `fresh_ms`
     * `{:native, name}` for each native process, outlet and inlet - good when it is up and was not
       started again
@@ -24,7 +24,7 @@ defmodule BB.Firmware.Guard.Checks do
   # These sensors publish nothing at their own path.
   @silent [BB.Handoff.Inlet, BB.Handoff.Outlet, BB.Sensor.NativeProcess]
 
-  # The greatest age of a sample in periods of its sensor.
+  # The greatest age of a reading in periods of its sensor.
   @periods 2.5
 
   @enforce_keys [:robot, :topic, :network, :reach, :fresh_ms, :sensors, :silent]
@@ -148,7 +148,7 @@ defmodule BB.Firmware.Guard.Checks do
     ArgumentError -> []
   end
 
-  # Fresh samples alone make a sensor good. A slow sensor stays good until its last sample is
+  # Fresh readings alone make a sensor good. A slow sensor stays good until its last reading is
   # too old.
   defp sensor_events(check, row, checks) do
     case component_event(check, row, checks) do
