@@ -25,7 +25,7 @@ defmodule BB do
     * `robot/0` - returns the declaration as data, a `BB.Robot`
     * `start_link/0,1` - starts the robot's processes, registered under the module's name
       (`BB.Supervisor`). The option `params:` sets parameters (`BB.Parameter`), `topic_prefix:`
-      sets the prefix of the names of its ring topics (`BB.Topic`)
+      sets its topic prefix (`BB.Topic`)
     * `child_spec/0,1` - returns the child specification of the robot for a supervisor
 
   ## Errors
@@ -74,7 +74,7 @@ defmodule BB do
   defdelegate publish(robot, path, message, opts \\ []), to: BB.PubSub
 
   @doc """
-  Returns the name of a ring topic with the robot's prefix (`BB.Topic`).
+  Returns the name of a ring topic with the robot's topic prefix (`BB.Topic`).
 
   `name` is the name that a component of the robot declares. Raises `ArgumentError` when the
   result cannot name a topic.

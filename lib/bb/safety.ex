@@ -29,8 +29,8 @@ defmodule BB.Safety do
   The handler of a component is the `disarm/1` of its module. It is registered before `init/1` is
   called, with the options of `init/1`. `disarm/1` runs in a process of its own, with those
   options alone: its component may be dead, hang, or cause the trouble. So it opens the device
-  again, or calls the process that has the device open, and returns `:ok` only if the hardware
-  is safe.
+  again, or calls the process of its bus, never that of its component. It returns `:ok` only if
+  the hardware is safe.
 
     * A handler outlives its process. It stays until a successor registers the same path, or until
       its process is dead and its `disarm/1` has run without a failure. So an actuator that is
@@ -200,7 +200,7 @@ defmodule BB.Safety do
   Forbids arming until `allow/2` is called for the same path, whichever process dies meanwhile.
   `arm/1` returns `reason` in its error.
 
-  Call it from a watchdog of the robot, such as an emergency stop that is pressed or a lid that is
+  Call it from the voucher of the path, such as an emergency stop that is pressed or a lid that is
   open. It does not disarm a robot that is armed:
 
       BB.Safety.inhibit(robot, path, :pressed)
@@ -225,9 +225,9 @@ defmodule BB.Safety do
   Removes the inhibition of a path for as long as the calling process lives.
 
   When that process ends, for any reason, the path forbids arming again, with the reason
-  `:unattended`, and an armed robot is disarmed at once, without a moment in between. A watchdog
+  `:unattended`, and an armed robot is disarmed at once, without a moment in between. A voucher
   calls this instead of `allow/2`: the robot cannot be armed, and does not stay armed, without its
-  watchdog. The successor of the process vouches again. `allow/2` ends the vouching.
+  voucher. The successor of the process vouches again. `allow/2` ends the vouching.
 
       BB.Safety.inhibit(robot, path, :starting)
       …

@@ -41,8 +41,7 @@ defmodule BB.Supervisor do
                type: {:or, [{:custom, BB.Topic, :check_prefix, []}, nil]},
                default: nil,
                doc:
-                 "The prefix of the names of the robot's ring topics (`BB.Topic`); `nil` for " <>
-                   "the prefix of the robot's settings."
+                 "The robot's topic prefix (`BB.Topic`); `nil` for that of the robot's settings."
              ]
            )
 
@@ -67,7 +66,7 @@ defmodule BB.Supervisor do
          {:ok, given} <- Startup.given(declared.parameters, opts[:params]),
          :ok <- check_options(declared.components, robot, values(declared.parameters, given)),
          :ok <- check_topics(declared.components, opts[:topic_prefix]) do
-      # A robot that runs keeps its prefix.
+      # A robot that runs keeps its topic prefix.
       _ = if Process.whereis(robot) == nil, do: Topic.put_prefix(robot, opts[:topic_prefix])
       supervisor = BB.Process.supervisor_module(robot)
       supervisor.start_link(__MODULE__, {robot, given}, name: robot)
@@ -147,7 +146,7 @@ defmodule BB.Supervisor do
     |> Enum.find(:ok, &match?({:error, %ValidationError{}}, &1))
   end
 
-  # The compiler has checked the prefix of the settings.
+  # The compiler has checked the topic prefix of the settings.
   defp check_topics(_components, nil), do: :ok
 
   defp check_topics(components, prefix) do

@@ -1,9 +1,9 @@
 defmodule BB.Topic do
   @moduledoc """
-  The names of ring topics in a robot, with the robot's prefix.
+  The names of ring topics in a robot, with the robot's topic prefix.
 
-  Give a robot a prefix when several robots run on one machine. Otherwise those that declare the
-  same topic use the same shared memory:
+  Give a robot a topic prefix when several robots run on one machine. Otherwise those that declare
+  the same topic use the same shared memory:
 
       settings do
         topic_prefix "rover"
@@ -14,11 +14,11 @@ defmodule BB.Topic do
         sensor :seen, {BB.Handoff.Inlet, topic: "/tags", …}           # the ring topic tags
       end
 
-  The prefix is put before every topic that the robot's components name: `topic:` of outlets and
-  inlets, `topics:` and `publishes:` of native processes.
-  `MyRobot.start_link(topic_prefix: "second")` overrides the prefix of the settings. Without
-  either, topics have the declared names. A name that begins with `/` is absolute, as in ROS: the
-  ring topic is the name without the `/`, whatever the prefix.
+  The topic prefix is put before every topic that the robot's components name: `topic:` of outlets
+  and inlets, `topics:` and `publishes:` of native processes.
+  `MyRobot.start_link(topic_prefix: "second")` overrides that of the settings. Without either,
+  topics have the declared names. A name that begins with `/` is absolute, as in ROS: the
+  ring topic is the name without the `/`, whatever the topic prefix.
 
       iex> BB.Topic.resolve("imu", "rover")
       {:ok, "rover.imu"}
@@ -59,7 +59,7 @@ defmodule BB.Topic do
   @spec of(module(), name()) :: {:ok, String.t()} | {:error, String.t()}
   def of(robot, name), do: resolve(name, prefix(robot))
 
-  @doc "Returns the prefix that the robot was started with, that of its settings, or `nil`."
+  @doc "Returns the topic prefix that the robot was started with, that of its settings, or `nil`."
   @spec prefix(module()) :: String.t() | nil
   def prefix(robot) do
     with nil <- :persistent_term.get({__MODULE__, robot}, nil), do: settings_prefix(robot)
@@ -71,7 +71,7 @@ defmodule BB.Topic do
       do: robot.robot().settings[:topic_prefix]
   end
 
-  @doc "Sets the robot's prefix. With `nil`, the robot uses the prefix of its settings."
+  @doc "Sets the robot's topic prefix. With `nil`, the robot uses that of its settings."
   @spec put_prefix(module(), String.t() | nil) :: :ok
   def put_prefix(robot, nil) do
     _ = :persistent_term.erase({__MODULE__, robot})

@@ -10,8 +10,8 @@ defmodule Ganglion.Demo do
   its messages. At the end of the time or after SIGTERM, which `bin/demo` sends on Ctrl-C, it
   stops the robot and prints a summary.
 
-  The ring topics of each run have a prefix of their own, such as `demo_4711.camera` (`BB.Topic`),
-  so that several demonstrations and other robots can run at the same time.
+  The ring topics of each run have a topic prefix of their own, such as `demo_4711.camera`
+  (`BB.Topic`), so that several demonstrations and other robots can run at the same time.
   """
 
   alias BB.Bus.Sim

@@ -187,7 +187,7 @@ defmodule BB.Dsl.Rules do
   defp bad_callback(module, mistake),
     do: "#{inspect(module)}.max_silence/1: #{mistake}; correct it, or remove max_silence"
 
-  @doc "Checks the ring topics in the options of a component, with the prefix of the robot."
+  @doc "Checks the ring topics in the options of a component, with its topic prefix."
   @spec check_topics(Node.t(), String.t() | nil) :: verdict()
   def check_topics(%Node{kind: kind} = node, prefix) when is_map_key(@behaviours, kind) do
     {:ok, module, options} = Child.parse(node.child)

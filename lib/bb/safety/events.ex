@@ -104,7 +104,7 @@ defmodule BB.Safety.Events do
 
   defp describe(:root), do: "root supervisor"
   defp describe(:topology), do: "topology supervisor"
-  defp describe({:voucher, path}), do: "watchdog #{inspect(path)}"
+  defp describe({:voucher, path}), do: "voucher #{inspect(path)}"
 
   defp publish(robot, from, to) do
     PubSub.publish(

@@ -25,7 +25,7 @@ defmodule BB.Safety.Warden do
 
   @type role :: Record.role() | :component | {:voucher, [atom()]}
 
-  @typedoc "Greater than the epoch of each arming before, less than that of each arming after it."
+  @typedoc "A moment is greater than each epoch before it, and less than each epoch after it."
   @type moment :: pos_integer()
 
   @doc "Returns the default timeout of handlers in milliseconds."

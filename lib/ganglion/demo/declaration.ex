@@ -16,7 +16,7 @@ defmodule Ganglion.Demo.Declaration do
   @spec name(module()) :: String.t()
   def name(robot), do: to_string(robot.robot().settings[:name] || inspect(robot))
 
-  @doc "Returns the ring topics of its components, with its prefix (`BB.Topic`)."
+  @doc "Returns the ring topics of its components, with its topic prefix (`BB.Topic`)."
   @spec topics(module()) :: [String.t()]
   def topics(robot) do
     for component <- components(robot), name <- declared_topics(component), uniq: true do
