@@ -16,7 +16,7 @@ defmodule BB.Clock.Stepped do
   Start it before the robot, whose loops get it from `BB.Clock.of/1`. Give a simulated bus the
   same clock: `BB.Bus.Sim.start_link(buses: %{"i2c-1" => [devices: devices, clock: clock]})`.
   Everything else uses the machine's time: waits in a driver's `init`, restarts, `max_silence`,
-  and the time stamps of messages.
+  and the timestamps of messages.
 
   Messages that are due are sent one after the other in the order of their times. Before the clock
   sends the next message, it waits until the receiver has handled the last one.

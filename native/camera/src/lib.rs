@@ -4,7 +4,7 @@
 //! [`photographs`] of a folder, in a loop. Frame n of the scene shows it at n / rate seconds, so
 //! that the ground truth follows from a frame's number and the rate.
 //!
-//! The time stamp of a frame (`CLOCK_MONOTONIC_RAW`) is the moment before its picture is made, as
+//! The timestamp of a frame (`CLOCK_MONOTONIC_RAW`) is the moment before its picture is made, as
 //! a real camera stamps the start of the exposure. Frames are numbered from 0 at each start,
 //! without gaps; a frame that would be a whole period late is skipped and gets no number.
 

@@ -105,7 +105,7 @@ pub struct Info {
     /// When the last message was published, on the clock of
     /// [`clock::now_ns`](crate::clock::now_ns); 0 before the first message.
     pub last_publish_ns: u64,
-    /// What to add to a time stamp to get wall time, as it was when the publisher started.
+    /// What to add to a timestamp to get wall time, as it was when the publisher started.
     pub realtime_offset_ns: i64,
     /// How many numbers were passed over because a reader held the slot, and how many messages
     /// were dropped because readers held all slots.

@@ -101,7 +101,7 @@ uint64_t conduit_ring_clock_now_ns(void);
 
 /**
  * @brief Returns the current difference from that clock to wall time (ns since 1970). Add it to a
- * time stamp.
+ * timestamp.
  */
 int64_t conduit_ring_clock_realtime_offset_ns(void);
 

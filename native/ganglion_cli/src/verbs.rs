@@ -1,4 +1,11 @@
 //! The verbs of `ganglion`, one file each.
+//!
+//! A new verb also needs
+//!
+//! - its module and its line in [`ALL`] below,
+//! - its row in the table of `main.rs`,
+//! - tests: the list of verbs in `command_line.rs`, and one in `tests/verbs.rs`,
+//! - its section in `docs/guides/tools.md`.
 
 mod bw;
 mod doctor;

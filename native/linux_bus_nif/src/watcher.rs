@@ -1,5 +1,8 @@
-//! The thread that serves all open lines: it delivers edges and closes abandoned lines. It starts
+//! The thread that serves all open lines: it passes on edges and closes abandoned lines. It starts
 //! when the first lines are opened and never stops.
+//!
+//! The kernel has stamped an edge when it happened. `edges.rs` passes on this timestamp, so that a
+//! late thread makes no edge late.
 //!
 //! Closing a line may take as long as a transfer on its chip's bus. So this thread does it for a
 //! dead process or a collected handle, instead of a scheduler.

@@ -14,7 +14,7 @@ const LONGEST_TOPIC: usize = 200;
 pub(crate) const LARGEST_MESSAGE: usize =
     largest_message(MOST_DETECTIONS, LONGEST_FAMILY, LONGEST_TOPIC);
 
-/// Returns the capture time of a frame by `CLOCK_MONOTONIC_RAW`: the header's time stamp, or the
+/// Returns the capture time of a frame by `CLOCK_MONOTONIC_RAW`: the header's timestamp, or the
 /// time of publication if the header uses another clock.
 pub(crate) fn capture_time_ns(header: &FrameHeader, published_ns: u64) -> u64 {
     match header.clock_id {

@@ -121,7 +121,7 @@ class TopicInfo:
     last_publish_ns: int
     """The time of the last message by the clock of :func:`now_ns`; 0 before the first."""
     realtime_offset_ns: int
-    """The difference from a time stamp to wall time at the publisher's start."""
+    """The difference from a timestamp to wall time at the publisher's start."""
     dropped_pinned: int
     """Skipped sequence numbers and dropped messages due to held slots."""
     rejected_oversize: int

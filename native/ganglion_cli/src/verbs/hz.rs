@@ -33,7 +33,7 @@ Usage: ganglion hz TOPIC [options]
   --help             print this help
 
 Each line shows the rate, the mean, shortest and longest period between two messages and its
-standard deviation, by the publisher's time stamps, and the numbers of received and lost
+standard deviation, by the publisher's timestamps, and the numbers of received and lost
 messages since the start. Lost messages were overwritten before ganglion read them; the rate
 includes them, by their sequence numbers. A silence that is longer than the longest period
 counts as a period that has not ended, so that the rate of a silent topic falls.
@@ -59,7 +59,7 @@ struct Periods {
     window: Window<Step>,
     /// The message with which the next period starts.
     previous: Option<Meta>,
-    /// The newest time stamp, even if its publisher is gone.
+    /// The newest timestamp, even if its publisher is gone.
     newest_ns: Option<u64>,
     messages: u64,
     lost: u64,

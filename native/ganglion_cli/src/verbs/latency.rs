@@ -33,7 +33,7 @@ Usage: ganglion latency TOPIC [options]
   --help             print this help
 
 Each line shows the median, the 99th percentile and the maximum. The measured time starts with
-the publisher's time stamp, taken before the publisher copies the message into the ring, and
+the publisher's timestamp, taken before the publisher copies the message into the ring, and
 ends when ganglion has a complete, validated copy. It includes both copies and a wake-up, but
 nothing before, such as a camera's exposure.
 

@@ -97,7 +97,7 @@ impl Row {
     }
 }
 
-/// Returns the messages per second between two samples: by the time stamps of the last messages,
+/// Returns the messages per second between two samples: by the timestamps of the last messages,
 /// or else by the time between the samples. Returns `None` if the samples are of different rings.
 fn rate(first: &Info, second: &Info, between_ns: u64) -> Option<f64> {
     if first.instance_id != second.instance_id {
