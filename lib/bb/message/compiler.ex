@@ -3,6 +3,29 @@ defmodule BB.Message.Compiler do
   # Compiles the constructor of a payload from its schema: a function with an argument for each
   # field. It takes the attributes one by one and then tests them all in one expression.
   # Attributes that it refuses go to BB.Options, which decides and words the error.
+  #
+  # The schema [celsius: [type: :float]] becomes
+  #
+  #     def __payload__(attrs) do
+  #       case bb_take(attrs, :"$unset") do
+  #         :refused -> BB.Message.Compiler.validate(__MODULE__, attrs)
+  #         payload -> {:ok, payload}
+  #       end
+  #     end
+  #
+  #     defp bb_take([{:celsius, value} | rest], :"$unset"), do: bb_take(rest, value)
+  #
+  #     defp bb_take([], celsius) do
+  #       blank = __struct__()
+  #
+  #       with true <- celsius === :"$unset" or is_float(celsius) do
+  #         %{blank | celsius: if(celsius === :"$unset", do: blank.celsius, else: celsius)}
+  #       else
+  #         _ -> :refused
+  #       end
+  #     end
+  #
+  #     defp bb_take(_attrs, _), do: :refused
 
   alias BB.Message.Compiler.TypeTest
   alias BB.Options
