@@ -49,7 +49,7 @@ defmodule BB.Sensor do
 
   A driver need not crash when its device does not answer. It returns `{:stop, reason}` from
   `init/1`, or `{:stop, reason, state}` from a later callback, with a reason that tells a person
-  what to do. As `{:shutdown, reason}` OTP's log does not report it as a crash. The sensor then
+  what to do. Wrap the reason in `{:shutdown, reason}`, and OTP logs no crash. The sensor then
   goes down alone and is restarted, at first within 100 ms, then less often
   (`BB.Component.Backoff`), until it is up. A crash is handled in the same way, with OTP's report
   in the log. A process that is linked to the driver takes the sensor down when it fails.
@@ -101,8 +101,8 @@ defmodule BB.Sensor do
   @doc """
   Records a heartbeat of the calling sensor, which counts for `max_silence` as a message does.
 
-  For a sensor that publishes elsewhere than on its own path, as an outlet does. `time_ns` is the
-  monotonic time. The sensor's own process calls it.
+  Use it in a sensor that publishes elsewhere than on its own path, as an outlet does. `time_ns`
+  is the monotonic time. The sensor's own process calls it.
   """
   @spec beat(integer()) :: :ok
   def beat(time_ns \\ System.monotonic_time(:nanosecond)), do: Heartbeat.beat(time_ns)

@@ -1,7 +1,7 @@
 defmodule BB.Parameter.Persistence do
   @moduledoc """
-  Saves a robot's parameters in its store, and replies to the callers of `BB.Parameter.set/3`. One
-  call of the store saves all values that wait.
+  Queues a robot's parameters for its store, and replies to the callers of `BB.Parameter.set/3`.
+  It writes no file itself. One call of the store saves all values that wait.
 
   Values that the store does not save are tried again: with the next value, and by a timer. Until
   then the alarm `{BB.Parameter, robot, :not_kept}` is set. The robot's table has the unsaved

@@ -47,8 +47,8 @@ defmodule BB.Sensor.Polled do
 
   After a failed reading the device that answers may be another one, plugged in meanwhile. So
   `c:check/1` is called before the next reading. It is also called every half second, since bits
-  that flip on the wires make readings that look like any other; they show only in values that are
-  known.
+  that flip on the wires make readings that look like any other: only a register whose value is
+  known reveals them.
 
   A reason of the kind `:restarted` (`t:BB.Bus.I2C.Device.reason/0`) stops the sensor at once, so
   that the device is set up again. So does `{:stop, reason}` from `c:measure/2`.

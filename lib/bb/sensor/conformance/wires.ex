@@ -28,7 +28,8 @@ defmodule BB.Sensor.Conformance.Wires do
   @callback faults() :: [atom()]
 
   @doc """
-  Returns the fault by which the bus cannot be opened, or no device answers, from the start.
+  Returns the fault with which the device is absent from the start: the bus cannot be opened, or
+  nothing answers.
   """
   @callback absence() :: atom()
 
