@@ -39,7 +39,7 @@ defmodule Ganglion.DemoTest do
             {~w(--robot none), ["ganglion, all", "got: none"]},
             {~w(--robot NoRobot), ["a robot's module", "got: NoRobot"]},
             {~w(--robot Enum), ["a robot's module", "got: Enum"]},
-            {~w(--robot all --imu walk.csv), ["--imu", "ganglion only"]},
+            {~w(--robot all --imu walk.csv), ["--imu", "add --robot ganglion"]},
             {~w(--bus i2c-7), ["--bus", "add --real"]},
             {~w(--real --bus), ["--bus", "nothing"]},
             {~w(--real --imu walk.csv), ["--imu", "--real"]},
@@ -59,7 +59,7 @@ defmodule Ganglion.DemoTest do
     assert {:ok, %{robot: ^robot}} = Options.parse([], "/", robot)
     assert {:ok, %{robot: Ganglion.Robots.All}} = Options.parse(~w(--robot all), "/", robot)
     assert {:error, sentence} = Options.parse(~w(--imu walk.csv), "/", robot)
-    assert sentence =~ "ganglion only"
+    assert sentence =~ "add --robot ganglion"
   end
 
   describe "the declaration of a robot" do

@@ -229,7 +229,8 @@ defmodule BB.Firmware.GateTest do
 
     test "an update is refused without a key, and for what is armed", context do
       :ok = Safety.arm(context.robot)
-      assert {_, {:error, "robot " <> _}} = upload(context.gate, context.own)
+      assert {_, {:error, refusal}} = upload(context.gate, context.own)
+      assert refusal == armed(context.robot)
       :ok = Safety.disarm(context.robot)
       File.rm!(context.key)
 
