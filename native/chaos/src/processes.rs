@@ -1,5 +1,6 @@
 //! The processes of a run and their logs, which outlive them.
 
+use std::collections::BTreeSet;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -255,10 +256,11 @@ impl Processes {
         Some(publisher.min(reader))
     }
 
-    /// Returns the number of running readers of a topic.
-    pub fn live_readers(&self, topic: usize) -> usize {
+    /// Returns the running readers of a topic by their process numbers.
+    pub fn live_readers(&self, topic: usize) -> BTreeSet<u32> {
         let readers = self.all.iter().filter(|process| process.role.reads(topic));
-        readers.filter(|process| process.life.is_some()).count()
+        let lives = readers.filter_map(|process| process.life.as_ref());
+        lives.map(|life| life.child.id()).collect()
     }
 }
 

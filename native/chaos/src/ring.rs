@@ -287,8 +287,14 @@ impl Run<'_> {
         }
         let mut leaked = 0;
         for (topic, plan) in plan::topics(self.processes.with_nodes()) {
+            let name = self.processes.topic(topic).map_err(runtime)?;
             let patience = self.settings.patience;
-            let count = leaks::count(&self.processes, topic, patience).map_err(runtime)?;
+            let count = leaks::count(&name, patience, || {
+                // A reader that ended by itself is a fault of its own.
+                self.processes.restart_ended(patience)?;
+                Ok(self.processes.live_readers(topic))
+            });
+            let count = count.map_err(runtime)?;
             if count != 0 {
                 let label = plan.label;
                 self.log
