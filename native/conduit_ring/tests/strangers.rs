@@ -10,7 +10,6 @@ mod support;
 use std::fs;
 use std::os::unix::fs::chown;
 use std::os::unix::process::CommandExt;
-use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -86,25 +85,26 @@ fn is_mapped(topic: &Topic) -> bool {
 struct Truncater {
     /// It leads a process group of its own, with the programs that it calls.
     shell: Child,
-    bait: PathBuf,
+    /// What it restores. It is removed when the process has ended.
+    _bait: Scratch,
 }
 
 impl Truncater {
     fn start(topic: &Topic) -> Truncater {
-        let bait = std::env::temp_dir().join(format!("{}-bait", topic.name()));
-        fs::copy(topic.path(), &bait).unwrap();
-        chown(&bait, Some(STRANGER), None).unwrap();
+        let bait = Scratch::new();
+        fs::copy(topic.path(), bait.path()).unwrap();
+        chown(bait.path(), Some(STRANGER), None).unwrap();
         let script = "while :; do truncate -s 0 $0; truncate -s 2000 $0; \
                       truncate -s 1300 $0; cat $1 > $0; done";
         let shell = Command::new("sh")
             .args(["-c", script])
-            .args([topic.path(), &bait])
+            .args([topic.path(), bait.path()])
             .uid(STRANGER)
             .process_group(0)
             .stderr(Stdio::null())
             .spawn()
             .unwrap();
-        Truncater { shell, bait }
+        Truncater { shell, _bait: bait }
     }
 }
 
@@ -113,7 +113,6 @@ impl Drop for Truncater {
         let group = format!("-{}", self.shell.id());
         let kill = Command::new("kill").args(["-KILL", "--", &group]).status();
         self.shell.wait().unwrap();
-        fs::remove_file(&self.bait).unwrap();
         assert!(kill.unwrap().success());
     }
 }

@@ -18,12 +18,18 @@ use conduit_ring::{Read, Subscriber, Topic};
 /// Longer than anything here takes: only a failing test waits so long.
 pub const LONG: Duration = Duration::from_secs(60);
 
-/// A topic with a unique name, whose file is removed afterwards.
+/// A topic with a unique name. Whatever has its name in the end is removed.
 pub struct Scratch(Topic);
 
 impl Scratch {
     pub fn new() -> Scratch {
         Scratch(Topic::new(&run::unique("ring")).unwrap())
+    }
+
+    /// A topic whose name begins with characters that this crate's publishers do not use.
+    pub fn found(beginning: &str) -> Scratch {
+        let name = format!("{beginning} {}", run::unique("ring"));
+        Scratch(Topic::found(&name).unwrap())
     }
 }
 
@@ -37,7 +43,8 @@ impl Deref for Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        let _ = std::fs::remove_file(self.0.path());
+        let path = self.0.path();
+        let _ = std::fs::remove_file(path).or_else(|_| std::fs::remove_dir(path));
     }
 }
 
