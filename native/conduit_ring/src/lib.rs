@@ -299,6 +299,8 @@ mod registration;
 mod renew;
 #[cfg(not(loom))]
 pub mod repair;
+#[cfg(all(test, not(loom)))]
+mod scratch;
 #[cfg(not(loom))]
 mod subscriber;
 #[cfg(not(loom))]

@@ -259,14 +259,14 @@ mod tests {
     use super::*;
     use crate::options::PublisherOptions;
     use crate::publisher::Publisher;
+    use crate::scratch::Scratch;
 
     /// What happens between a look for messages that finds none and a look at the publisher.
     #[test]
     fn messages_published_between_two_checks_come_before_the_end_of_the_publisher() {
         let ends: [fn(Publisher); 2] = [Publisher::close, Publisher::abandon];
         for end in ends {
-            let name = format!("last-words-{}", std::process::id());
-            let topic = Topic::new(&name).unwrap();
+            let topic = Scratch::new();
             let mut publisher = Publisher::open(&topic, &PublisherOptions::default()).unwrap();
             let mut subscriber = Subscriber::open(&topic, &Default::default()).unwrap();
             let mut buffer = Vec::new();
@@ -283,7 +283,6 @@ mod tests {
             subscriber.subscription.check_publisher().unwrap();
             let read = subscriber.try_read(&mut buffer).unwrap();
             assert_eq!(read, Read::PublisherDown);
-            let _ = std::fs::remove_file(topic.path());
         }
     }
 }

@@ -199,28 +199,14 @@ mod tests {
     use crate::geometry::Geometry;
     use crate::layout::{EXT_MAGIC, HEADER_LEN, MAGIC};
     use crate::publisher::Publisher;
+    use crate::scratch::Scratch;
 
-    /// A topic whose file is removed afterwards.
-    struct Scratch(Topic);
-
-    impl Scratch {
-        fn new(name: &str) -> Scratch {
-            Scratch(Topic::new(&format!("create-{}-{name}", std::process::id())).unwrap())
-        }
-
-        /// Leaves a segment as a publisher that died leaves it.
-        fn leave_dead(&self) -> Segment {
-            let mut publisher = Publisher::open(&self.0, &PublisherOptions::default()).unwrap();
-            publisher.publish(b"last words").unwrap();
-            publisher.abandon();
-            Segment::open(self.0.path(), Access::Write).unwrap()
-        }
-    }
-
-    impl Drop for Scratch {
-        fn drop(&mut self) {
-            let _ = fs::remove_file(self.0.path());
-        }
+    /// Leaves a segment as a publisher that died leaves it.
+    fn leave_dead(topic: &Topic) -> Segment {
+        let mut publisher = Publisher::open(topic, &PublisherOptions::default()).unwrap();
+        publisher.publish(b"last words").unwrap();
+        publisher.abandon();
+        Segment::open(topic.path(), Access::Write).unwrap()
     }
 
     fn epoch(segment: &Segment) -> u32 {
@@ -230,19 +216,18 @@ mod tests {
 
     #[test]
     fn a_file_that_lost_its_name_before_it_was_locked_is_not_taken_over() {
-        let scratch = Scratch::new("renamed");
+        let topic = Scratch::new();
         for replace in [false, true] {
-            let found = scratch.leave_dead();
-            let copy = Segment::open(scratch.0.path(), Access::Read).unwrap();
-            fs::remove_file(scratch.0.path()).unwrap();
+            let found = leave_dead(&topic);
+            let copy = Segment::open(topic.path(), Access::Read).unwrap();
+            fs::remove_file(topic.path()).unwrap();
             if replace {
-                scratch.leave_dead();
+                leave_dead(&topic);
             }
-            let taken =
-                take_over_or_replace(&scratch.0, &PublisherOptions::default(), found).unwrap();
+            let taken = take_over_or_replace(&topic, &PublisherOptions::default(), found).unwrap();
             assert!(taken.is_none());
             assert_eq!(epoch(&copy), 0);
-            assert_eq!(scratch.0.path().exists(), replace);
+            assert_eq!(topic.path().exists(), replace);
         }
     }
 
@@ -251,8 +236,8 @@ mod tests {
         // More memory than exists. Pages that are not allocated show only when they are written,
         // by a signal.
         let geometry = Geometry::slots(1 << 20, 1 << 30).unwrap();
-        let scratch = Scratch::new("sparse");
-        let file = File::create(scratch.0.path()).unwrap();
+        let topic = Scratch::new();
+        let file = File::create(topic.path()).unwrap();
         file.set_len(geometry.segment_len()).unwrap();
         let header = Header {
             geometry,
@@ -266,7 +251,7 @@ mod tests {
             geometry,
             ..Default::default()
         };
-        let refused = Publisher::open(&scratch.0, &options).unwrap_err();
+        let refused = Publisher::open(&topic, &options).unwrap_err();
         let kind = refused
             .errno()
             .map(|errno| io::Error::from_raw_os_error(errno).kind());

@@ -83,21 +83,39 @@ fn lock_of(byte: u64, kind: i32) -> libc::flock {
 #[cfg(test)]
 mod tests {
     use std::fs::File;
+    use std::path::PathBuf;
     use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
     use std::thread;
 
     use super::super::file::Access;
     use super::*;
 
-    fn scratch(label: &str) -> std::path::PathBuf {
-        std::env::temp_dir().join(format!("conduit_{label}_{}", std::process::id()))
+    /// A file that is removed afterwards. It is no topic, which other programs might open.
+    struct ScratchFile(PathBuf);
+
+    impl ScratchFile {
+        fn new(label: &str) -> ScratchFile {
+            let name = format!("conduit_{label}_{}", std::process::id());
+            let path = std::env::temp_dir().join(name);
+            File::create(&path).unwrap();
+            ScratchFile(path)
+        }
+
+        fn open(&self) -> io::Result<Segment> {
+            Segment::open(&self.0, Access::Write)
+        }
+    }
+
+    impl Drop for ScratchFile {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_file(&self.0);
+        }
     }
 
     #[test]
     fn a_lock_covers_its_byte_and_no_other() {
-        let path = scratch("lock");
-        File::create(&path).unwrap();
-        let [one, other] = [0, 1].map(|_| Segment::open(&path, Access::Write).unwrap());
+        let file = ScratchFile::new("lock");
+        let [one, other] = [0, 1].map(|_| file.open().unwrap());
         assert!(one.try_lock(64).unwrap());
         for byte in [0, 63, 65, 192, 1152] {
             assert!(!other.is_locked(byte).unwrap(), "{byte}");
@@ -105,25 +123,22 @@ mod tests {
         assert!(other.is_locked(64).unwrap() && !other.try_lock(64).unwrap());
         one.unlock(64).unwrap();
         assert!(other.try_lock(64).unwrap());
-        std::fs::remove_file(&path).unwrap();
     }
 
     #[test]
     fn asking_whether_a_file_is_unused_survives_that_it_is_opened_just_then() {
-        let path = scratch("lease");
-        File::create(&path).unwrap();
-        let segment = Segment::open(&path, Access::Write).unwrap();
+        let file = ScratchFile::new("lease");
+        let segment = file.open().unwrap();
         let refused = AtomicBool::new(false);
         thread::scope(|scope| {
             scope.spawn(|| {
-                while Segment::open(&path, Access::Write).is_ok() {}
+                while file.open().is_ok() {}
                 refused.store(true, Relaxed);
             });
             while !refused.load(Relaxed) {
                 segment.is_unused();
             }
         });
-        std::fs::remove_file(&path).unwrap();
         assert!(segment.is_unused());
     }
 }
