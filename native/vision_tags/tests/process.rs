@@ -15,7 +15,8 @@ use ganglion_messages::imu::{self, Imu};
 use ganglion_messages::stamp::Stamp;
 use ganglion_messages::tags::{self, FrameSource, TagDetections};
 use process::{
-    PATIENCE, Process, await_end, call, next_message, printed_one_line, subscribe, unique_topic,
+    PATIENCE, Process, TestTopic, await_end, call, next_message, printed_one_line, subscribe,
+    unique_topic,
 };
 use program::Log;
 use program::stop::Stop;
@@ -28,10 +29,12 @@ const RATE: f64 = 20.0;
 
 /// The three topics of a test and the detector between them.
 struct Setup {
-    frames: Topic,
-    imu: Topic,
     detections: Subscriber,
     detector: Process,
+    frames: TestTopic,
+    imu: TestTopic,
+    /// The topic of `detections`.
+    _published: TestTopic,
 }
 
 fn setup(name: &str, more: &[&str]) -> Setup {
@@ -42,6 +45,7 @@ fn setup(name: &str, more: &[&str]) -> Setup {
         detections: subscribe(&detections),
         frames,
         imu,
+        _published: detections,
     }
 }
 
@@ -206,15 +210,15 @@ fn messages_that_are_not_frames_are_rejected_and_the_next_frame_is_used() {
         let published = publish_until_seen(&mut frames, &blank(9), &mut setup);
         assert_eq!(published.source.expect("a frame").frame_id, 9);
     }
-    let stderr = end(setup);
+    let stderr = end(setup.detector);
     let refusals = stderr.lines().filter(|line| line.contains("rejected: "));
     assert_eq!(refusals.count(), 1, "{stderr}");
 }
 
 /// Terminates the detector and returns its stderr.
-fn end(setup: Setup) -> String {
-    setup.detector.terminate();
-    let ended = setup.detector.end();
+fn end(detector: Process) -> String {
+    detector.terminate();
+    let ended = detector.end();
     assert_eq!(ended.status, Some(0), "{}", ended.stderr);
     ended.stderr
 }
@@ -317,7 +321,7 @@ fn it_releases_the_topics_that_it_read_when_it_ends() {
         samples.publish(&Imu::default().encode()).expect("it fits");
         thread::sleep(Duration::from_millis(1));
     }
-    end(setup);
+    end(setup.detector);
     assert_eq!(readers(), [0, 0]);
 }
 

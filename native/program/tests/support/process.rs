@@ -5,6 +5,7 @@
 mod run;
 
 use conduit_ring::{Meta, Read, Subscriber, SubscriberOptions, Topic};
+use std::ops::Deref;
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc;
 use std::thread;
@@ -104,9 +105,27 @@ pub fn call(program: &str, arguments: &[&str]) -> Ended {
     Process::start(program, arguments).end()
 }
 
-/// Returns a topic whose name no other test uses.
-pub fn unique_topic(name: &str) -> Topic {
-    Topic::new(&run::unique(name)).expect("a topic name")
+/// A topic whose name no other test uses. Its file is removed afterwards, since a program that
+/// was killed leaves it.
+pub struct TestTopic(Topic);
+
+impl Deref for TestTopic {
+    type Target = Topic;
+
+    fn deref(&self) -> &Topic {
+        &self.0
+    }
+}
+
+impl Drop for TestTopic {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(self.0.path());
+    }
+}
+
+/// Returns a new topic.
+pub fn unique_topic(name: &str) -> TestTopic {
+    TestTopic(Topic::new(&run::unique(name)).expect("a topic name"))
 }
 
 /// Subscribes to all messages of a topic, which need not exist yet.
