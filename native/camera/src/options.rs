@@ -104,7 +104,8 @@ impl Call {
                     width = Some(arguments.parse("320 to 7680 pixels", |w| WIDTHS.contains(w))?);
                 }
                 "--height" => {
-                    height = Some(arguments.parse("240 to 4320 pixels", |h| HEIGHTS.contains(h))?);
+                    height =
+                        Some(arguments.parse("240 to 4320 pixels", |h| HEIGHTS.contains(h))?);
                 }
                 "--frames" => folder = Some(arguments.path("a folder of photographs")?),
                 "--slots" => slots = arguments.parse("a power of two from 2 to 64", is_slots)?,

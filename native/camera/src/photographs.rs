@@ -124,7 +124,8 @@ fn is_photograph(path: &Path) -> bool {
 pub fn read(path: &Path) -> Result<Photograph, PhotographError> {
     let bytes =
         fs::read(path).map_err(|error| PhotographError::Unreadable(path.to_owned(), error))?;
-    decode(&bytes).map_err(|cause| PhotographError::NotAPicture(path.to_owned(), one_line(&cause)))
+    decode(&bytes)
+        .map_err(|cause| PhotographError::NotAPicture(path.to_owned(), one_line(&cause)))
 }
 
 /// Joins the lines of a decoder's message.

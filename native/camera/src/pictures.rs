@@ -43,7 +43,9 @@ impl Pictures {
     pub fn largest(&self) -> usize {
         match self {
             Pictures::Scene { pixels, .. } => pixels.len(),
-            Pictures::Photographs(all) => all.iter().map(|one| one.pixels.len()).max().unwrap_or(0),
+            Pictures::Photographs(all) => {
+                all.iter().map(|one| one.pixels.len()).max().unwrap_or(0)
+            }
         }
     }
 

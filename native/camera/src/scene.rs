@@ -317,7 +317,8 @@ fn uniform(corners: [Cell; 4]) -> Option<Cell> {
 
 /// Returns the mean grey of the area that a pixel covers.
 fn mean(to_tag: &[f64; 9], pattern: &Pattern, x: u32, y: u32, behind: u8) -> u8 {
-    let at = |part: u32, step: u32| f64::from(part) + (f64::from(step) + 0.5) / f64::from(SAMPLES);
+    let at =
+        |part: u32, step: u32| f64::from(part) + (f64::from(step) + 0.5) / f64::from(SAMPLES);
     let points = (0..SAMPLES).flat_map(|row| (0..SAMPLES).map(move |column| (column, row)));
     let sum: u32 = points
         .map(|(column, row)| cell_at(to_tag, at(x, column), at(y, row)))

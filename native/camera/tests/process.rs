@@ -6,7 +6,9 @@ mod process;
 use camera::scene::Scene;
 use conduit_ring::{ContentTag, Publisher, PublisherOptions, Topic, clock};
 use ganglion_messages::frame::{ENCODING, Frame, FrameHeader};
-use process::{Process, await_end, call, next_message, printed_one_line, subscribe, unique_topic};
+use process::{
+    Process, await_end, call, next_message, printed_one_line, subscribe, unique_topic,
+};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::thread;

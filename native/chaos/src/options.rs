@@ -107,7 +107,9 @@ fn ring(rest: Vec<String>) -> Result<Request, Failure> {
     let mut json = false;
     while let Some(option) = arguments.next()? {
         match option {
-            "--kills" => settings.kills = arguments.parse("a number from 1", |&kills| kills > 0)?,
+            "--kills" => {
+                settings.kills = arguments.parse("a number from 1", |&kills| kills > 0)?
+            }
             "--seed" => settings.seed = arguments.parse("a number from 0", |_| true)?,
             "--patience" => {
                 let seconds = arguments.parse("a number of seconds from 1", |&n| n > 0)?;

@@ -128,7 +128,12 @@ impl Life {
     }
 
     /// Writes the message in its slot. Does not publish one message in eight.
-    fn lend(&mut self, random: &mut Random, head: &[u8], body: &[u8]) -> Result<(), PublishError> {
+    fn lend(
+        &mut self,
+        random: &mut Random,
+        head: &[u8],
+        body: &[u8],
+    ) -> Result<(), PublishError> {
         let mut loan = self.publisher.loan(head.len() + body.len())?;
         loan.write_at(head.len(), body);
         if !random.one_in(8) {
@@ -184,7 +189,8 @@ impl Reader<'_> {
         }
         let mut buffer = Vec::new();
         let timeout = deadline.map_or(Duration::MAX, |_| VISIT);
-        while !self.stop.requested() && deadline.is_none_or(|deadline| Instant::now() < deadline) {
+        while !self.stop.requested() && deadline.is_none_or(|deadline| Instant::now() < deadline)
+        {
             let read = self.subscriber.read_timeout(&mut buffer, timeout);
             if let Read::Message(meta) = read.map_err(runtime)? {
                 self.record(&meta, &buffer)?;

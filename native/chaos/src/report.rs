@@ -66,7 +66,8 @@ impl Report {
     /// Returns the result as one line of JSON.
     pub fn json(&self) -> String {
         format!(
-            r#"{{"kills": {}, "messages": {}, "torn": {}, "stuck": {}, "leaked": {}, "reused": {}}}"#,
+            "{{\"kills\": {}, \"messages\": {}, \"torn\": {}, \"stuck\": {}, \"leaked\": {}, \
+             \"reused\": {}}}",
             self.kills, self.messages, self.torn, self.stuck, self.leaked, self.reused
         )
     }

@@ -242,7 +242,9 @@ impl Run<'_> {
             let now = Instant::now();
             for index in 0..self.processes.all.len() {
                 let process = &self.processes.all[index];
-                if process.life.is_none() && !is_restless_reader(process.role) && process.due <= now
+                if process.life.is_none()
+                    && !is_restless_reader(process.role)
+                    && process.due <= now
                 {
                     self.processes.start(index, &mut self.random)?;
                 }

@@ -197,7 +197,11 @@ impl Attachment {
     }
 
     /// As [`Attachment::next`], without a copy where the publisher respects a hold.
-    pub(crate) fn lease(&mut self, topic: &Topic, policy: Policy) -> Result<Option<Lease>, Error> {
+    pub(crate) fn lease(
+        &mut self,
+        topic: &Topic,
+        policy: Policy,
+    ) -> Result<Option<Lease>, Error> {
         if !self.has_news() {
             return Ok(None);
         }

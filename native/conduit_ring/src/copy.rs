@@ -62,8 +62,8 @@ enum Piece {
     Word,
 }
 
-/// Cuts `len` bytes at `shared` into pieces that are aligned there, and calls `copy` with each and
-/// its offset. The pieces follow each other without a gap.
+/// Cuts `len` bytes at `shared` into pieces that are aligned there, and calls `copy` with each
+/// and its offset. The pieces follow each other without a gap.
 #[inline(always)]
 fn for_each_piece(shared: *const u8, len: usize, mut copy: impl FnMut(Piece, usize)) {
     let mut at = 0;

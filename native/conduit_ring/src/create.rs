@@ -26,7 +26,10 @@ use crate::topic::{Topic, directory};
 
 /// Makes a segment for a topic that has none. Returns `None` when another publisher took the name
 /// meanwhile.
-pub(crate) fn create(topic: &Topic, options: &PublisherOptions) -> Result<Option<Attached>, Error> {
+pub(crate) fn create(
+    topic: &Topic,
+    options: &PublisherOptions,
+) -> Result<Option<Attached>, Error> {
     let instance_id = os::random_id().map_err(Error::os("getrandom", topic.path()))?;
     let header = Header {
         geometry: options.geometry,

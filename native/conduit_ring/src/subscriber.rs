@@ -182,7 +182,11 @@ impl Subscriber {
     ///
     /// # Errors
     /// As [`Subscriber::try_read`].
-    pub fn read_timeout(&mut self, buffer: &mut Vec<u8>, timeout: Duration) -> Result<Read, Error> {
+    pub fn read_timeout(
+        &mut self,
+        buffer: &mut Vec<u8>,
+        timeout: Duration,
+    ) -> Result<Read, Error> {
         let deadline = Instant::now().checked_add(timeout);
         loop {
             let read = self.try_read(buffer)?;

@@ -192,7 +192,9 @@ proptest! {
         for (word, value) in changes {
             raw.u64(8 * word).store(value, std::sync::atomic::Ordering::Relaxed);
             match subscriber.try_read(&mut buffer) {
-                Ok(Read::Message(meta)) => prop_assert!(meta.len == buffer.len() && meta.len <= 44),
+                Ok(Read::Message(meta)) => {
+                    prop_assert!(meta.len == buffer.len() && meta.len <= 44)
+                }
                 Ok(_) => {}
                 Err(error) => prop_assert!(is_documented(&error), "{}", error),
             }

@@ -9,8 +9,8 @@ use std::thread;
 use std::time::Instant;
 
 use conduit_ring::{
-    Error, Geometry, Info, Lease, Meta, PublishError, Publisher, PublisherOptions, Received, Start,
-    Subscriber, SubscriberOptions, Topic,
+    Error, Geometry, Info, Lease, Meta, PublishError, Publisher, PublisherOptions, Received,
+    Start, Subscriber, SubscriberOptions, Topic,
 };
 use support::{
     Helper, LONG, Raw, Scratch, next_message, proven_number, proving_message, report_ready, role,

@@ -98,7 +98,8 @@ impl LegacySubscriber {
             return None;
         }
         let slot = HEADER + (n & (self.slot_count - 1)) as usize * self.slot_size;
-        let field = |at: usize| u64::from_le_bytes(self.raw.read(slot + at, 8).try_into().unwrap());
+        let field =
+            |at: usize| u64::from_le_bytes(self.raw.read(slot + at, 8).try_into().unwrap());
         if field(4) != n {
             cursor.store(published.saturating_sub(self.slot_count), Release);
             return None;

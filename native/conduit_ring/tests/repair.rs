@@ -19,8 +19,8 @@ const SUBSCRIBER_MASK: usize = 128;
 #[test]
 fn child() {
     let Some((role, topic)) = role() else { return };
-    let _publisher =
-        (role == "publish").then(|| Publisher::open(&topic, &PublisherOptions::default()).unwrap());
+    let _publisher = (role == "publish")
+        .then(|| Publisher::open(&topic, &PublisherOptions::default()).unwrap());
     let _subscriber = (role == "subscribe")
         .then(|| Subscriber::open(&topic, &SubscriberOptions::default()).unwrap());
     report_ready();

@@ -42,7 +42,10 @@ impl TryFrom<conduit_ring_geometry> for Geometry {
     }
 }
 
-fn put(out: *mut conduit_ring_geometry, geometry: Result<Geometry, conduit_ring::Error>) -> c_int {
+fn put(
+    out: *mut conduit_ring_geometry,
+    geometry: Result<Geometry, conduit_ring::Error>,
+) -> c_int {
     status(|| {
         // SAFETY: null or writable, as the header demands.
         let out = unsafe { Out::new(out, "geometry") }?;

@@ -190,7 +190,9 @@ unsafe extern "C" fn conduit_ring_publisher_end(publisher: *mut conduit_ring_pub
 }
 
 #[unsafe(no_mangle)]
-unsafe extern "C" fn conduit_ring_publisher_close(publisher: *mut conduit_ring_publisher) -> c_int {
+unsafe extern "C" fn conduit_ring_publisher_close(
+    publisher: *mut conduit_ring_publisher,
+) -> c_int {
     status(|| {
         // SAFETY: null or a publisher that was not closed, as the header demands.
         let publisher = unsafe { pointer::take(publisher) };

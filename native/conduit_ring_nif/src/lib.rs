@@ -70,7 +70,8 @@ fn trust<'a>(env: Env<'a>, users: &str, groups: &str) -> Term<'a> {
 
 #[rustler::nif(schedule = "DirtyIo")]
 fn topic_info<'a>(env: Env<'a>, topic: &str) -> NifResult<Term<'a>> {
-    let info = conduit_ring::Topic::found(topic).and_then(|topic| conduit_ring::Info::read(&topic));
+    let info =
+        conduit_ring::Topic::found(topic).and_then(|topic| conduit_ring::Info::read(&topic));
     Ok(match info {
         Ok(info) => terms::ok(env, InfoTerm::from(info)),
         Err(error) => failure(env, &error),

@@ -20,7 +20,11 @@ inventory::submit!(Nif {
 
 /// `publish_binary(publisher, data)`: returns `:ok` or the atom of an error. After `:busy` the
 /// caller tries again.
-unsafe extern "C" fn publish_binary(env: NIF_ENV, argc: c_int, argv: *const NIF_TERM) -> NIF_TERM {
+unsafe extern "C" fn publish_binary(
+    env: NIF_ENV,
+    argc: c_int,
+    argv: *const NIF_TERM,
+) -> NIF_TERM {
     let lifetime = ();
     // SAFETY: the VM passes the environment of this call, which outlives `lifetime`.
     let call = unsafe { Env::new(&lifetime, env) };

@@ -11,10 +11,10 @@ use crate::buffer::Buffer;
 pub mod atoms {
     rustler::atoms! {
         active, bb_ring, bb_ring_closed, bb_ring_passive, bb_ring_publisher, bb_ring_reply, busy,
-        closed, dead, empty, foreign_owner, invalid, legacy, legacy_topic, live, message_too_large,
-        name_lost, no_reader_slot, no_topic, not_a_ring, other_content, passive, publisher_alive,
-        publisher_down, publisher_up, renewed, retired, slot_held, system, thread, timeout,
-        too_many_leases, unknown,
+        closed, dead, empty, foreign_owner, invalid, legacy, legacy_topic, live,
+        message_too_large, name_lost, no_reader_slot, no_topic, not_a_ring, other_content,
+        passive, publisher_alive, publisher_down, publisher_up, renewed, retired, slot_held,
+        system, thread, timeout, too_many_leases, unknown,
     }
 }
 

@@ -119,7 +119,8 @@ fn to_error(object: &Bound<'_, PyAny>, error: PyErr) -> PyErr {
     let kind = object.get_type().name();
     let kind = kind.map_or_else(|_| "another object".into(), |name| name.to_string());
     PyTypeError::new_err(format!(
-        "expected bytes, bytearray, memoryview, a numpy array or another buffer, got: {kind}{hint}"
+        "expected bytes, bytearray, memoryview, a numpy array or another buffer, \
+         got: {kind}{hint}"
     ))
 }
 
@@ -171,7 +172,8 @@ unsafe fn fill(
 ) -> PyResult<()> {
     let (start, len) = (start.cast(), len as ffi::Py_ssize_t);
     // SAFETY: the view is Python's and takes a reference to the owner.
-    let status = unsafe { ffi::PyBuffer_FillInfo(view, owner.as_ptr(), start, len, access, flags) };
+    let status =
+        unsafe { ffi::PyBuffer_FillInfo(view, owner.as_ptr(), start, len, access, flags) };
     if status == 0 {
         Ok(())
     } else {

@@ -100,7 +100,8 @@ impl Message {
             lost,
         } = self.meta;
         format!(
-            "<Message sequence={sequence} of {len} bytes, timestamp_ns={timestamp_ns}, lost={lost}>"
+            "<Message sequence={sequence} of {len} bytes, timestamp_ns={timestamp_ns}, \
+             lost={lost}>"
         )
     }
 

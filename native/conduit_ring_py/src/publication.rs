@@ -63,7 +63,12 @@ impl Publication {
     }
 
     /// Publishes the first `len` bytes of a loan.
-    pub(crate) fn commit(&self, py: Python<'_>, loan: &SuspendedLoan, len: usize) -> PyResult<()> {
+    pub(crate) fn commit(
+        &self,
+        py: Python<'_>,
+        loan: &SuspendedLoan,
+        len: usize,
+    ) -> PyResult<()> {
         let committed = self.with(py, |state| {
             state.has_lent = false;
             let mut loan = loan.resume(&mut state.publisher)?;

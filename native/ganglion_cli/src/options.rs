@@ -99,9 +99,10 @@ impl Options {
             "--fix" => self.fix = true,
             "--keep-dead" => self.keep_dead = true,
             "--prefix" => {
-                self.prefix = arguments.parse("the start of a topic's name", |name: &String| {
-                    !name.is_empty()
-                })?;
+                self.prefix = arguments
+                    .parse("the start of a topic's name", |name: &String| {
+                        !name.is_empty()
+                    })?;
             }
             "--count" => {
                 self.count = Some(arguments.parse("a number from 1", |&count| count > 0)?);

@@ -79,7 +79,9 @@ fn read(mut subscriber: Subscriber, count: u64, report: impl Fn(u64)) -> Result<
         match subscriber.read_timeout(&mut buffer, TIMEOUT)? {
             Read::Message(meta) => {
                 if meta.lost > 0 || meta.sequence != next || buffer != message(&topic, next) {
-                    return Err(format!("{topic:?}: expected message {next}, got: {meta:?}").into());
+                    return Err(
+                        format!("{topic:?}: expected message {next}, got: {meta:?}").into()
+                    );
                 }
                 next += 1;
                 bytes += buffer.len();

@@ -136,7 +136,10 @@ impl Lines {
             .is_ok_and(|request| request.is_none())
     }
 
-    fn with_request<T>(&self, action: impl FnOnce(&mut Request, usize) -> Result<T>) -> Result<T> {
+    fn with_request<T>(
+        &self,
+        action: impl FnOnce(&mut Request, usize) -> Result<T>,
+    ) -> Result<T> {
         let mut request = self.lock();
         let request = request.as_mut().ok_or(Errno::BADF)?;
         action(request, self.offsets.len())

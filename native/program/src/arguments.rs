@@ -170,5 +170,6 @@ impl Arguments {
 /// [`Failure::Usage`] when `value` is `None`. The message names `option` and describes the
 /// expected value.
 pub fn required<T>(value: Option<T>, option: &str, expected: &str) -> Result<T, Failure> {
-    value.ok_or_else(|| Failure::Usage(format!("{option} option is missing; expected {expected}")))
+    value
+        .ok_or_else(|| Failure::Usage(format!("{option} option is missing; expected {expected}")))
 }

@@ -115,7 +115,11 @@ fn blank(frame_id: u32) -> Vec<u8> {
 
 /// Publishes a frame repeatedly until detections arrive, because the detector may not have
 /// started yet. Waits before each repetition, so that the detector can handle the frame before.
-fn publish_until_seen(frames: &mut Publisher, message: &[u8], setup: &mut Setup) -> TagDetections {
+fn publish_until_seen(
+    frames: &mut Publisher,
+    message: &[u8],
+    setup: &mut Setup,
+) -> TagDetections {
     let pause = Duration::from_millis(20);
     let mut published = Vec::new();
     loop {

@@ -31,7 +31,9 @@ fn main() {
         "receive" => receive(&arguments),
         "port" => port(&arguments),
         other => {
-            panic!("unknown verb {other:?}; expected one of: memcpy, publish, send, receive, port")
+            panic!(
+                "unknown verb {other:?}; expected one of: memcpy, publish, send, receive, port"
+            )
         }
     }
 }

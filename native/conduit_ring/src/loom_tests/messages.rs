@@ -126,7 +126,9 @@ fn a_successor_goes_on_at_the_same_number_wherever_the_predecessor_was_killed() 
             publish(&mut predecessor, &memory);
             let reader = {
                 let memory = memory.clone();
-                thread::spawn(move || read_times(1, &memory, Reader::resume(Dialect::Native, 0, 0)))
+                thread::spawn(move || {
+                    read_times(1, &memory, Reader::resume(Dialect::Native, 0, 0))
+                })
             };
             killed_after(&mut predecessor, &memory);
             let mut successor = Writer::resume(&memory);

@@ -279,7 +279,9 @@ fn a_successor_respects_what_is_held_wherever_its_predecessor_was_killed() {
             let meta = pinner.pin(&memory).unwrap();
             let other = {
                 let memory = memory.clone();
-                thread::spawn(move || read_times(1, &memory, Reader::resume(Dialect::Native, 0, 0)))
+                thread::spawn(move || {
+                    read_times(1, &memory, Reader::resume(Dialect::Native, 0, 0))
+                })
             };
             killed_after(&mut predecessor, &memory);
             assert!(try_publish(&mut Writer::resume(&memory), &memory));

@@ -34,7 +34,11 @@ fn header() -> String {
 }
 
 /// Returns the text between each `open` and the next `close`.
-fn all_between<'a>(text: &'a str, open: &'a str, close: &'a str) -> impl Iterator<Item = &'a str> {
+fn all_between<'a>(
+    text: &'a str,
+    open: &'a str,
+    close: &'a str,
+) -> impl Iterator<Item = &'a str> {
     text.split(open)
         .skip(1)
         .map(move |rest| rest.split(close).next().unwrap())

@@ -71,7 +71,9 @@ fn pkg_config(arguments: &[&str]) -> Vec<String> {
 
 #[test]
 fn the_examples_build_and_run_by_pkg_config() {
-    if !needs("pkg-config") || Language::C.compile().is_none() || Language::Cpp.compile().is_none()
+    if !needs("pkg-config")
+        || Language::C.compile().is_none()
+        || Language::Cpp.compile().is_none()
     {
         return;
     }

@@ -132,7 +132,8 @@ fn read_case(topic: Topic) -> Option<Case> {
         process::users_of(topic.path())
     };
     let is_legacy = info.as_ref().is_ok_and(|info| info.state == State::Legacy);
-    let left_by_legacy = is_legacy && repair::is_left_by_legacy_publisher(&topic).unwrap_or(false);
+    let left_by_legacy =
+        is_legacy && repair::is_left_by_legacy_publisher(&topic).unwrap_or(false);
     Some(Case {
         topic,
         info,
