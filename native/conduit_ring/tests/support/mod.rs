@@ -118,11 +118,26 @@ pub struct Helper {
 
 const ROLE: &str = "CONDUIT_RING_TEST_ROLE";
 const TOPIC: &str = "CONDUIT_RING_TEST_TOPIC";
+/// The command that runs this program, where the kernel cannot start it: `bin/test cross` names
+/// the emulator of another machine.
+const EMULATOR: &str = "CONDUIT_RING_TEST_EMULATOR";
 
 /// Returns role and topic in a helper process, `None` in others.
 pub fn role() -> Option<(String, Topic)> {
     let role = std::env::var(ROLE).ok()?;
     Some((role, Topic::new(&std::env::var(TOPIC).unwrap()).unwrap()))
+}
+
+/// Returns the command that starts this program again.
+fn this_program() -> Command {
+    let program = std::env::current_exe().unwrap();
+    let Ok(emulator) = std::env::var(EMULATOR) else {
+        return Command::new(program);
+    };
+    let mut words = emulator.split_whitespace();
+    let mut command = Command::new(words.next().unwrap());
+    command.args(words).arg(program);
+    command
 }
 
 /// Reports to the parent that the helper is ready.
@@ -138,7 +153,7 @@ impl Helper {
 
     /// As [`Helper::start`], with variables in its environment.
     pub fn start_in(role: &str, topic: &Topic, variables: &[(&str, &str)]) -> Helper {
-        let mut child = Command::new(std::env::current_exe().unwrap())
+        let mut child = this_program()
             .args(["--exact", "child", "--nocapture", "--test-threads=1"])
             .env(ROLE, role)
             .env(TOPIC, topic.name())
