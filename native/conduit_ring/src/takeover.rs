@@ -224,7 +224,8 @@ mod tests {
             if replace {
                 leave_dead(&topic);
             }
-            let taken = take_over_or_replace(&topic, &PublisherOptions::default(), found).unwrap();
+            let taken =
+                take_over_or_replace(&topic, &PublisherOptions::default(), found).unwrap();
             assert!(taken.is_none());
             assert_eq!(epoch(&copy), 0);
             assert_eq!(topic.path().exists(), replace);
