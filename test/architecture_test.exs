@@ -23,6 +23,7 @@ defmodule ArchitectureTest do
     options: {~w(BB.Options.*), []},
     math: {~w(BB.Math.*), []},
     unit: {~w(BB.Unit.*), []},
+    reference: {~w(BB.Parameter.Reference), []},
     native_library: {~w(BB.NativeLibrary), []},
     callback: {~w(BB.Callback.*), []},
     telemetry: {~w(BB.Telemetry), [:callback]},
@@ -38,17 +39,17 @@ defmodule ArchitectureTest do
     pub_sub: {~w(BB.PubSub.*), [:path, :options, :envelope, :tolerant]},
 
     # Parameters, and the transmission between a joint and a motor.
-    parameter: {~w(BB.Parameter.*), ~w(pub_sub envelope options unit tolerant)a},
-    transmission: {~w(BB.Transmission), ~w(parameter envelope payload options unit)a},
+    parameter: {~w(BB.Parameter.*), ~w(pub_sub envelope options unit reference tolerant)a},
+    transmission: {~w(BB.Transmission), ~w(parameter reference envelope payload options unit)a},
 
     # Components and the processes that start and restart them. The declaration is data: the robot
     # and its components.
     process: {~w(BB.Process.*), []},
     safety: {~w(BB.Safety.*), ~w(path pub_sub envelope payload callback telemetry tolerant)a},
-    declaration: {~w(BB.Component BB.Robot.*), ~w(transmission parameter unit)a},
+    declaration: {~w(BB.Component BB.Robot.*), ~w(transmission parameter reference unit)a},
     component:
       {~w(BB.Component.*),
-       ~w(declaration transmission parameter process pub_sub safety envelope payload options callback telemetry tolerant topic)a},
+       ~w(declaration transmission parameter reference process pub_sub safety envelope payload options callback telemetry tolerant topic)a},
 
     # The buses, simulated if there are no others. A robot may declare their simulated devices.
     clock: {~w(BB.Clock.*), [:tolerant]},
@@ -63,7 +64,7 @@ defmodule ArchitectureTest do
        ~w(declaration component transmission parameter pub_sub envelope payload options topic)a},
     dsl:
       {~w(BB.Dsl.*),
-       ~w(declaration transmission parameter sensor simulation path topic options unit)a},
+       ~w(declaration transmission parameter reference sensor simulation path topic options unit)a},
     supervisor:
       {~w(BB.Supervisor.*),
        ~w(declaration component parameter safety process pub_sub bus simulation topic options callback)a},

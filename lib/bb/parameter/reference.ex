@@ -5,31 +5,35 @@ defmodule BB.Parameter.Reference do
   axis:
 
       sensor :imu, {BB.Sensor.Mpu6050, bus: "i2c-1", rate: param([:imu, :rate])}
+
+  The field `expected_unit_type` is the unit that the option demands, if its type is one of
+  `BB.Unit.Option`, and `nil` otherwise.
   """
 
   @enforce_keys [:path]
-  defstruct [:path]
+  defstruct [:path, :expected_unit_type]
 
-  @type t :: %__MODULE__{path: BB.Parameter.path()}
+  @typedoc "The path of a parameter, such as `[:imu, :rate]`."
+  @type path :: [atom(), ...]
+
+  @type t :: %__MODULE__{path: path(), expected_unit_type: atom() | String.t() | nil}
 
   @doc """
-  Returns a reference to the parameter at `path`.
+  Returns a reference to the parameter at `path`, a list of at least one atom.
 
       iex> import BB.Parameter.Reference
       iex> param([:imu, :rate])
       %BB.Parameter.Reference{path: [:imu, :rate]}
   """
-  @spec param(BB.Parameter.path()) :: t()
-  def param([_ | _] = path) do
-    if Enum.all?(path, &is_atom/1), do: %__MODULE__{path: path}, else: raise_error(path)
+  @spec param(path()) :: t()
+  def param([first | rest] = path) when is_atom(first) and is_list(rest) do
+    if Enum.all?(rest, &is_atom/1), do: %__MODULE__{path: path}, else: raise_path(path)
   end
 
-  def param(other), do: raise_error(other)
-
-  defp raise_error(other) do
+  defp raise_path(path) do
     raise ArgumentError,
           "expected the path of a parameter, such as param([:imu, :rate]), " <>
-            "got: param(#{inspect(other)})"
+            "got: param(#{inspect(path)})"
   end
 
   @doc """
@@ -39,7 +43,7 @@ defmodule BB.Parameter.Reference do
       iex> BB.Parameter.Reference.paths(rate: param([:imu, :rate]), bus: "i2c-1")
       [[:imu, :rate]]
   """
-  @spec paths(Enumerable.t() | nil) :: [BB.Parameter.path()]
+  @spec paths(Enumerable.t() | nil) :: [path()]
   def paths(nil), do: []
 
   def paths(fields),
@@ -55,7 +59,7 @@ defmodule BB.Parameter.Reference do
       iex> BB.Parameter.Reference.resolve(options, fn [:imu, :rate] -> 100 end)
       [rate: 100, bus: "i2c-1"]
   """
-  @spec resolve(term(), (BB.Parameter.path() -> term())) :: term()
+  @spec resolve(term(), (path() -> term())) :: term()
   def resolve(%__MODULE__{path: path}, value), do: value.(path)
   def resolve(fields, value) when is_list(fields), do: Enum.map(fields, &field(&1, value))
 

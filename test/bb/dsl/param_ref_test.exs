@@ -1,0 +1,5 @@
+defmodule BB.Dsl.ParamRefTest do
+  use ExUnit.Case, async: true
+
+  doctest BB.Dsl.ParamRef
+end
