@@ -11,7 +11,11 @@ defmodule BB.Unit do
       iex> BB.Unit.convert!(~u(90 degree), :radian).value
       1.5707963267948966
 
-  Messages and calculations use plain floats in SI units instead, which `to_si/1` returns.
+  Messages and calculations use plain floats in SI units instead, which `to_si/1` and
+  `BB.Robot.Units` return. Options that are quantities have the types of `BB.Unit.Option`.
+
+  `import BB.Unit` imports the functions too. A module that calls functions of its own with such
+  names, say `parse/1`, writes `import BB.Unit, only: :sigils`.
 
   ## Names
 
@@ -33,7 +37,7 @@ defmodule BB.Unit do
   product, such as `celsius_per_second`, it is a difference.
   """
 
-  alias BB.Unit.Name
+  alias BB.Unit.{Kind, Name, Text, Value}
 
   @enforce_keys [:name, :value]
   defstruct [:name, :value]
@@ -88,26 +92,64 @@ defmodule BB.Unit do
           "expected a number and the name of a unit, got: #{inspect(value)} and #{inspect(name)}"
   end
 
+  @doc """
+  Creates the quantity 1 of a unit. Returns as `new/2` does.
+
+      iex> BB.Unit.new("meter")
+      {:ok, %BB.Unit{name: "meter", value: 1}}
+  """
+  @spec new(name()) :: {:ok, t()} | {:error, Exception.t()}
+  def new(name), do: new(1, name)
+
   @doc "Creates a quantity as `new/2` does. Returns it or raises `ArgumentError`."
   @spec new!(number(), name()) :: t()
   @spec new!(name(), number()) :: t()
   def new!(value, name), do: unwrap!(new(value, name))
 
   @doc """
-  Parses a text such as `"5 meter_per_second"`.
+  Returns the name of a unit as a quantity has it, with dashes. It does not check that the unit
+  exists.
+
+      iex> BB.Unit.unit_name(:newton_meter)
+      "newton-meter"
+  """
+  @spec unit_name(name()) :: String.t()
+  def unit_name(name) when is_atom(name) or is_binary(name),
+    do: name |> to_string() |> String.replace("_", "-")
+
+  @doc """
+  Checks the name of a unit. Returns `{:ok, name}`, with dashes, or `{:error, exception}`.
+
+      iex> BB.Unit.validate_unit(:meter_per_second)
+      {:ok, "meter-per-second"}
+      iex> {:error, error} = BB.Unit.validate_unit(:metre)
+      iex> Exception.message(error)
+      ~s(unknown unit "metre"; did you mean meter or ampere?)
+  """
+  @spec validate_unit(name()) :: {:ok, String.t()} | {:error, Exception.t()}
+  def validate_unit(name) when (is_atom(name) and not is_nil(name)) or is_binary(name) do
+    with {:ok, name, _meaning} <- parse_name(name), do: {:ok, name}
+  end
+
+  def validate_unit(other), do: error(Name.invalid_message(other))
+
+  @doc """
+  Parses a text such as `"5 meter_per_second"`. The blank may be missing.
 
   Returns `{:ok, unit}` or `{:error, exception}`.
 
       iex> BB.Unit.parse("-1.5 newton-meter")
       {:ok, %BB.Unit{name: "newton-meter", value: -1.5}}
+      iex> BB.Unit.parse("100centimeter")
+      {:ok, %BB.Unit{name: "centimeter", value: 100}}
   """
   @spec parse(String.t()) :: {:ok, t()} | {:error, Exception.t()}
   def parse(text) when is_binary(text) do
-    with [number, name] <- String.split(text),
-         {:ok, value} <- parse_number(String.replace(number, ~r/(?<=\d)_(?=\d)/, "")) do
-      new(value, name)
-    else
-      _ ->
+    case Text.parse(text) do
+      {:ok, value, name} ->
+        new(value, name)
+
+      :error ->
         error("expected a number and a unit, such as 5 meter_per_second, got: #{inspect(text)}")
     end
   end
@@ -132,8 +174,8 @@ defmodule BB.Unit do
     with {:ok, _, from} <- parse_name(unit.name),
          {:ok, name, to} <- parse_name(name) do
       if from.dimensions == to.dimensions,
-        do: {:ok, %__MODULE__{name: name, value: convert_value(unit.value, from, to)}},
-        else: error(incompatible_message(unit, name, from, to))
+        do: {:ok, %__MODULE__{name: name, value: Value.convert(unit.value, from, to)}},
+        else: error(different_message("convert", {unit, from}, "to", {name, to}))
     end
   end
 
@@ -156,27 +198,40 @@ defmodule BB.Unit do
   @spec to_si(t()) :: float()
   def to_si(%__MODULE__{} = unit) do
     {:ok, _, from} = parse_name(unit.name)
-    convert_value(unit.value, from, %Name{}) / 1
+    Value.to_si(unit.value, from)
   end
 
   @doc """
   Compares two quantities. Returns `:lt`, `:eq` or `:gt`, as `Enum.sort(units, BB.Unit)` needs it.
 
-  Raises `ArgumentError` if they have different dimensions.
+  Returns `{:error, exception}` if they have different dimensions.
 
       iex> import BB.Unit
       iex> BB.Unit.compare(~u(999 meter), ~u(1 kilometer))
       :lt
+      iex> BB.Unit.compare(~u(150 centimeter), ~u(1.5 meter))
+      :eq
+      iex> {:error, error} = BB.Unit.compare(~u(1 meter), ~u(1 second))
+      iex> Exception.message(error)
+      "cannot compare 1 meter with 1 second: 1 meter is a length, 1 second is a time"
   """
-  @spec compare(t(), t()) :: :lt | :eq | :gt
+  @spec compare(t(), t()) :: :lt | :eq | :gt | {:error, Exception.t()}
   def compare(%__MODULE__{} = a, %__MODULE__{} = b) do
-    b = convert!(b, a.name)
-
-    cond do
-      a.value < b.value -> :lt
-      a.value > b.value -> :gt
-      true -> :eq
+    with {:ok, _, from} <- parse_name(a.name),
+         {:ok, _, to} <- parse_name(b.name) do
+      if from.dimensions == to.dimensions,
+        do: Value.compare({a.value, from}, {b.value, to}),
+        else: error(different_message("compare", {a, from}, "with", {b, to}))
     end
+  end
+
+  @doc """
+  Compares two quantities as `compare/2` does. Raises `ArgumentError` if they have different
+  dimensions.
+  """
+  @spec compare!(t(), t()) :: :lt | :eq | :gt
+  def compare!(a, b) do
+    with {:error, error} <- compare(a, b), do: raise(error)
   end
 
   @doc """
@@ -193,15 +248,26 @@ defmodule BB.Unit do
   def compatible?(a, b), do: dimensions!(a) == dimensions!(b)
 
   @doc """
-  Returns the quantity as text.
+  Returns a quantity as text, or a list of quantities, separated by commas.
+
+  The option `style:` is `:long` (the default), `:short` or `:narrow`.
 
       iex> import BB.Unit
       iex> BB.Unit.to_string!(~u(5 meter_per_second))
       "5 meter per second"
+      iex> BB.Unit.to_string!(~u(5 meter_per_second), style: :short)
+      "5 m/s"
+      iex> BB.Unit.to_string!([~u(5 foot), ~u(3 inch)], style: :narrow)
+      "5ft, 3in"
   """
-  @spec to_string!(t()) :: String.t()
-  def to_string!(%__MODULE__{} = unit),
-    do: "#{unit.value} #{format_name(unit.name)}"
+  @spec to_string!(t() | [t()], style: :long | :short | :narrow) :: String.t()
+  def to_string!(unit, opts \\ [])
+
+  def to_string!(%__MODULE__{} = unit, opts),
+    do: Text.format(unit.value, unit.name, style!(opts))
+
+  def to_string!(units, opts) when is_list(units),
+    do: Enum.map_join(units, ", ", &to_string!(&1, opts))
 
   @doc """
   Returns the type of an option that is a quantity, for the schemas of `BB.Options`.
@@ -227,8 +293,8 @@ defmodule BB.Unit do
     else
       _ ->
         {:error,
-         "expected #{describe_dimensions(dimensions!(name))} of #{least} to #{most} " <>
-           "#{format_name(name)}, as a number or a unit, got: #{inspect(value)}"}
+         "expected #{Kind.describe(dimensions!(name))} of #{least} to #{most} " <>
+           "#{Text.words(name)}, as a number or a unit, got: #{inspect(value)}"}
     end
   end
 
@@ -239,14 +305,13 @@ defmodule BB.Unit do
   defp number_in(number, _name) when is_number(number), do: {:ok, number}
   defp number_in(_other, _name), do: :error
 
-  defp format_name(name), do: name |> Name.normalize() |> String.replace("-", " ")
+  defp style!(opts) do
+    style = Keyword.get(opts, :style, :long)
 
-  defp parse_number(text) do
-    case {Integer.parse(text), Float.parse(text)} do
-      {{integer, ""}, _} -> {:ok, integer}
-      {_, {float, ""}} -> {:ok, float}
-      _ -> :error
-    end
+    if style in Text.styles(),
+      do: style,
+      else:
+        raise(ArgumentError, "expected :long, :short or :narrow as style, got: #{inspect(style)}")
   end
 
   defp parse_name(name) do
@@ -269,59 +334,15 @@ defmodule BB.Unit do
 
   defp error(message), do: {:error, ArgumentError.exception(message)}
 
-  defp convert_value(value, from, to) do
-    ratio = Name.divide(from.ratio, to.ratio)
-    shift = from.offset |> Name.subtract(to.offset) |> Name.divide(to.ratio)
-    apply_affine(value, ratio, from.pi - to.pi, shift)
+  defp different_message(verb, {unit, from}, preposition, {other, to}) do
+    {unit, other} = {show(unit), show(other)}
+
+    "cannot #{verb} #{unit} #{preposition} #{other}: #{unit} is " <>
+      "#{Kind.describe(from.dimensions)}, #{other} is #{Kind.describe(to.dimensions)}"
   end
 
-  defp apply_affine(value, ratio, 0, shift) when is_integer(value),
-    do: {value, 1} |> Name.multiply(ratio) |> Name.add(shift) |> quotient()
-
-  defp apply_affine(value, {n, d}, pi, shift),
-    do: value * n / d * :math.pow(:math.pi(), pi) + quotient(shift)
-
-  defp quotient({n, 1}), do: n
-  defp quotient({n, d}), do: n / d
-
-  defp incompatible_message(unit, name, from, to) do
-    "cannot convert #{to_string!(unit)} to #{name}: #{to_string!(unit)} is " <>
-      "#{describe_dimensions(from.dimensions)}, #{name} is #{describe_dimensions(to.dimensions)}"
-  end
-
-  @kinds [
-    {:meter, "a length"},
-    {:square_meter, "an area"},
-    {:cubic_meter, "a volume"},
-    {:radian, "an angle"},
-    {:second, "a time"},
-    {:hertz, "a frequency"},
-    {:gram, "a mass"},
-    {:newton, "a force"},
-    {:newton_meter, "a torque or an energy"},
-    {:pascal, "a pressure"},
-    {:watt, "a power"},
-    {:volt, "a voltage"},
-    {:ampere, "a current"},
-    {:ohm, "a resistance"},
-    {:coulomb, "a charge"},
-    {:kelvin, "a temperature"},
-    {:meter_per_second, "a speed"},
-    {:meter_per_square_second, "an acceleration"},
-    {:radian_per_second, "an angular speed"},
-    {:radian_per_square_second, "an angular acceleration"}
-  ]
-
-  defp describe_dimensions(dimensions) when dimensions == %{}, do: "a plain number"
-
-  defp describe_dimensions(dimensions) do
-    kinds = for {name, kind} <- @kinds, do: {dimensions!(name), kind}
-
-    case List.keyfind(kinds, dimensions, 0) do
-      {_, kind} -> kind
-      nil -> "of other dimensions"
-    end
-  end
+  defp show(%__MODULE__{} = unit), do: to_string!(unit)
+  defp show(name), do: name
 
   defp compile_error(env, text),
     do: raise(CompileError, file: env.file, line: env.line, description: text)

@@ -17,6 +17,34 @@ defmodule BB.UnitTest do
       assert ~u(-90 degree) == %Unit{name: "degree", value: -90}
       assert ~u(1_000 newton-meter) == %Unit{name: "newton-meter", value: 1000}
       assert ~u(1.0e-3 second).value == 0.001
+      assert ~u(+5 meter).value == 5
+      assert ~u(1e3 meter).value === 1000.0
+    end
+
+    test "needs no blank between the number and the unit" do
+      assert ~u(100centimeter) == %Unit{name: "centimeter", value: 100}
+      assert ~u(-0.5exameter) == %Unit{name: "exameter", value: -0.5}
+      assert ~u( 5  meter ) == ~u(5 meter)
+    end
+
+    test "keeps an integer an integer" do
+      assert ~u(10 meter_per_second).value === 10
+      assert ~u(10.0 meter_per_second).value === 10.0
+    end
+
+    test "stands in functions, attributes, defaults of structs and arguments" do
+      {{:module, module, _binary, _last}, _bindings} =
+        evaluate("""
+        defmodule BB.UnitTest.Everywhere do
+          import BB.Unit
+          @rate ~u(2 hertz)
+          defstruct length: ~u(1 meter)
+          def rates(rate \\\\ ~u(3 hertz)), do: [@rate, rate | Enum.map([1], fn _ -> ~u(4hertz) end)]
+        end
+        """)
+
+      assert struct(module).length == ~u(1 meter)
+      assert module.rates() == [~u(2 hertz), ~u(3 hertz), ~u(4 hertz)]
     end
 
     test "is evaluated when compiled" do
@@ -50,7 +78,11 @@ defmodule BB.UnitTest do
             "~u(5)",
             "~u(meter)",
             "~u(five meter)",
-            "~u(5meter)",
+            "~u(5.meter)",
+            "~u(.5 meter)",
+            "~u(--5 meter)",
+            "~u(1_ meter)",
+            "~u(1.0e999 meter)",
             "~u()",
             "~u(5 meter now)"
           ] do
@@ -89,6 +121,11 @@ defmodule BB.UnitTest do
       assert Unit.new(:meter, 5) == Unit.new(5, :meter)
     end
 
+    test "creates the quantity 1 of a name" do
+      assert Unit.new("meter") == {:ok, ~u(1 meter)}
+      assert {:error, %ArgumentError{}} = Unit.new("metre")
+    end
+
     test "raises for what is no number or no name" do
       assert_raise ArgumentError, ~r/a number and the name of a unit, got: "5" and :meter/, fn ->
         Unit.new("5", :meter)
@@ -101,6 +138,55 @@ defmodule BB.UnitTest do
                    end
 
       assert_raise ArgumentError, ~r/unknown unit "metre"/, fn -> Unit.new!(5, :metre) end
+    end
+  end
+
+  describe "unit_name" do
+    test "has dashes, whether the unit exists or not" do
+      for {name, dashed} <- [
+            {:newton_meter, "newton-meter"},
+            {"meter_per_second", "meter-per-second"},
+            {"meter", "meter"},
+            {:no_such_unit, "no-such-unit"}
+          ],
+          do: assert(Unit.unit_name(name) == dashed)
+
+      assert_raise FunctionClauseError, fn -> Unit.unit_name(5) end
+    end
+  end
+
+  describe "validate_unit" do
+    test "takes atoms and strings, with _ or -" do
+      for name <- [:newton_meter, "newton_meter", "newton-meter"],
+          do: assert(Unit.validate_unit(name) == {:ok, "newton-meter"})
+    end
+
+    test "returns the exception of an unknown unit" do
+      for name <- [:blurb, "meter_per", "", nil, true, 5],
+          do: assert({:error, %ArgumentError{}} = Unit.validate_unit(name))
+    end
+  end
+
+  # The units of drivers and robots that were written for Beam Bots.
+  @written ~w(
+    meter centimeter millimeter kilometer_per_hour meter_per_second meter_per_square_second
+    degree radian degree_per_second radian_per_second degree_per_square_second
+    radian_per_square_second hertz kilohertz second millisecond gram kilogram
+    kilogram_square_meter newton newton_meter newton_second_per_meter
+    newton_meter_second_per_radian newton_meter_second_per_degree volt ampere milliampere ohm
+    celsius
+  )
+
+  for name <- @written do
+    test "#{name} is parsed, converted, compared and shown" do
+      name = unquote(name)
+      assert {:ok, %Unit{value: 2} = unit} = Unit.parse("2 #{name}")
+      assert Unit.validate_unit(name) == {:ok, unit.name}
+      assert Unit.convert(unit, name) == {:ok, unit}
+      assert Unit.compare(unit, Unit.new!(1, name)) == :gt
+      assert Unit.compatible?(unit, String.to_atom(name))
+      assert Unit.to_string!(unit) == "2 #{String.replace(name, "_", " ")}"
+      assert Unit.to_string!(unit, style: :short) =~ ~r/^2 ?\S+$/
     end
   end
 
@@ -235,10 +321,90 @@ defmodule BB.UnitTest do
              ]
     end
 
-    test "raises for different kinds" do
-      assert_raise ArgumentError, ~r/cannot convert 1 second to meter/, fn ->
-        Unit.compare(~u(1 meter), ~u(1 second))
+    test "of different kinds is an error; compare! raises it" do
+      assert {:error, %ArgumentError{} = error} = Unit.compare(~u(1 meter), ~u(1 second))
+
+      assert error.message ==
+               "cannot compare 1 meter with 1 second: 1 meter is a length, 1 second is a time"
+
+      assert_raise ArgumentError, error.message, fn ->
+        Unit.compare!(~u(1 meter), ~u(1 second))
       end
+
+      assert Unit.compare!(~u(1 meter), ~u(1 inch)) == :gt
+    end
+
+    test "is exact across prefixes" do
+      for {a, b} <- [
+            {~u(150 centimeter), ~u(1.5 meter)},
+            {~u(14.8 centimeter), ~u(0.148 meter)},
+            {~u(0.1 kilohertz), ~u(100 hertz)},
+            {~u(9007199254740993 nanosecond), ~u(9007199.254740993 second)},
+            {~u(180 degree), Unit.new!(:math.pi(), :radian)},
+            {~u(20 celsius), ~u(293.15 kelvin)}
+          ] do
+        assert Unit.compare(a, b) == :eq
+        assert Unit.compare(b, a) == :eq
+      end
+
+      assert Unit.compare(~u(9007199254740993 second), ~u(9007199254740992 second)) == :gt
+    end
+
+    property "is the opposite in the opposite order" do
+      names = [:degree, :radian, :revolution, :millidegree]
+      angle = {oneof([float(), integer()]), oneof(names)}
+
+      forall {{a, from}, {b, to}} <- {angle, angle} do
+        {a, b} = {Unit.new!(a, from), Unit.new!(b, to)}
+        Unit.compare(b, a) == %{lt: :gt, gt: :lt, eq: :eq}[Unit.compare(a, b)]
+      end
+    end
+  end
+
+  describe "to_string!" do
+    test "has words, symbols, or symbols without a space" do
+      for {unit, long, short, narrow} <- [
+            {~u(5 meter), "5 meter", "5 m", "5m"},
+            {~u(0.5 newton_meter), "0.5 newton meter", "0.5 N·m", "0.5N·m"},
+            {~u(3 meter_per_square_second), "3 meter per square second", "3 m/s²", "3m/s²"},
+            {~u(2 kilogram_square_meter), "2 kilogram square meter", "2 kg·m²", "2kg·m²"},
+            {~u(90 degree), "90 degree", "90°", "90°"},
+            {~u(9 degree_per_second), "9 degree per second", "9 °/s", "9°/s"},
+            {~u(20 celsius), "20 celsius", "20 °C", "20°C"},
+            {~u(4 per_second), "4 per second", "4 1/s", "41/s"},
+            {~u(1 joule_per_kilogram_kelvin), "1 joule per kilogram kelvin", "1 J/(kg·K)",
+             "1J/(kg·K)"},
+            {~u(7 millivolt), "7 millivolt", "7 mV", "7mV"}
+          ] do
+        assert Unit.to_string!(unit) == long
+        assert Unit.to_string!(unit, style: :long) == long
+        assert Unit.to_string!(unit, style: :short) == short
+        assert Unit.to_string!(unit, style: :narrow) == narrow
+      end
+    end
+
+    test "takes a list" do
+      assert Unit.to_string!([]) == ""
+      assert Unit.to_string!([~u(5 foot), ~u(3 inch)]) == "5 foot, 3 inch"
+      assert Unit.to_string!([~u(5 foot), ~u(3 inch)], style: :short) == "5 ft, 3 in"
+    end
+
+    test "refuses another style" do
+      assert_raise ArgumentError, "expected :long, :short or :narrow as style, got: :tiny", fn ->
+        Unit.to_string!(~u(5 foot), style: :tiny)
+      end
+    end
+
+    test "has a symbol for every unit and prefix" do
+      for name <- Unit.Name.known(),
+          do: assert(Unit.to_string!(Unit.new!(1, name), style: :narrow) =~ ~r/^1\S+$/)
+
+      symbols =
+        for {prefix, _} <- Unit.Name.prefixes(),
+            do: Unit.to_string!(Unit.new!(1, prefix <> "watt"), style: :short)
+
+      assert length(Enum.uniq(symbols)) == length(symbols) - 1
+      assert "1 µW" in symbols
     end
   end
 

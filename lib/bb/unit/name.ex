@@ -5,14 +5,17 @@ defmodule BB.Unit.Name do
   #
   # The angle is a dimension, so that an angular speed is not a frequency.
 
+  alias BB.Unit.Fraction
+
   defstruct dimensions: %{}, ratio: {1, 1}, pi: 0, offset: {0, 1}
 
-  @type fraction :: {integer(), pos_integer()}
+  @type dimensions :: %{atom() => integer()}
+
   @type t :: %__MODULE__{
-          dimensions: %{atom() => integer()},
-          ratio: fraction(),
+          dimensions: dimensions(),
+          ratio: Fraction.t(),
           pi: integer(),
-          offset: fraction()
+          offset: Fraction.t()
         }
 
   @prefixes [
@@ -126,35 +129,53 @@ defmodule BB.Unit.Name do
   def normalize(name) when is_atom(name) and name != nil, do: normalize(Atom.to_string(name))
   def normalize(name) when is_binary(name), do: String.replace(name, "_", "-")
 
-  def normalize(name),
-    do:
-      raise(
-        ArgumentError,
-        "expected an atom or a string as the name of a unit, got: #{inspect(name)}"
-      )
+  def normalize(name), do: raise(ArgumentError, invalid_message(name))
+
+  @doc "Returns the message for a term that cannot be a name."
+  def invalid_message(name),
+    do: "expected an atom or a string as the name of a unit, got: #{inspect(name)}"
 
   @doc "Parses a normalized name. Returns `{:ok, t}`, or `{:error, message}` with similar names."
   def parse(name) do
-    with {:ok, factors} <- factors(String.split(name, "-"), 1, []) do
-      {:ok, product(factors)}
-    else
+    with {:ok, factors} <- factors(name), do: {:ok, product(factors)}
+  end
+
+  @doc """
+  Splits a normalized name into its factors.
+
+  Returns `{:ok, factors}` or `{:error, message}`. A factor is `{prefix, unit, power}`, such as
+  `{"kilo", "meter", -1}`, with `nil` for no prefix.
+  """
+  def factors(name) do
+    case factors(String.split(name, "-"), 1, []) do
+      {:ok, factors} -> {:ok, factors}
       {:unknown, word} -> {:error, unknown_unit_message(name, word)}
       :incomplete -> {:error, "expected a complete unit, got: #{inspect(name)}"}
     end
   end
 
   # The offset applies to a unit alone. In a rate or a product, a temperature is a difference.
-  defp product([{unit, 1}]), do: struct!(__MODULE__, unit)
+  defp product([{prefix, unit, 1}]), do: struct!(__MODULE__, meaning(prefix, unit))
 
   defp product(factors) do
-    Enum.reduce(factors, %__MODULE__{}, fn {unit, power}, product ->
+    Enum.reduce(factors, %__MODULE__{}, fn {prefix, unit, power}, product ->
+      unit = meaning(prefix, unit)
+
       %{
         product
         | dimensions: add_dimensions(product.dimensions, unit.dimensions, power),
-          ratio: multiply(product.ratio, power(unit.ratio, power)),
+          ratio: Fraction.multiply(product.ratio, Fraction.power(unit.ratio, power)),
           pi: product.pi + power * Map.get(unit, :pi, 0)
       }
     end)
+  end
+
+  defp meaning(nil, unit), do: Map.fetch!(@known, unit)
+
+  defp meaning(prefix, unit) do
+    {^prefix, exponent} = List.keyfind(@prefixes, prefix, 0)
+    unit = Map.fetch!(@known, unit)
+    %{unit | ratio: Fraction.multiply(unit.ratio, Fraction.power({10, 1}, exponent))}
   end
 
   defp add_dimensions(dimensions, more, power) do
@@ -179,35 +200,35 @@ defmodule BB.Unit.Name do
   defp factor([word | rest], sign, power, found) do
     pair = "#{word}-#{List.first(rest)}"
 
-    case {@known, lookup(word)} do
-      {%{^pair => unit}, _} -> factors_with_power(tl(rest), sign, power, unit, found)
-      {_, {:ok, unit}} -> factors_with_power(rest, sign, power, unit, found)
-      {_, :error} -> {:unknown, word}
+    case {Map.has_key?(@known, pair), split_prefix(word)} do
+      {true, _} -> factors_with_power(tl(rest), sign, power, {nil, pair}, found)
+      {false, {:ok, unit}} -> factors_with_power(rest, sign, power, unit, found)
+      {false, :error} -> {:unknown, word}
     end
   end
 
   defp factors_with_power(["squared" | rest], sign, power, unit, found),
-    do: factors(rest, sign, [{unit, sign * power * 2} | found])
+    do: put_factor(rest, sign, power * 2, unit, found)
 
   defp factors_with_power(["cubed" | rest], sign, power, unit, found),
-    do: factors(rest, sign, [{unit, sign * power * 3} | found])
+    do: put_factor(rest, sign, power * 3, unit, found)
 
   defp factors_with_power(rest, sign, power, unit, found),
-    do: factors(rest, sign, [{unit, sign * power} | found])
+    do: put_factor(rest, sign, power, unit, found)
 
-  defp lookup(word), do: with(:error <- Map.fetch(@known, word), do: prefixed(word, @prefixes))
+  defp put_factor(rest, sign, power, {prefix, unit}, found),
+    do: factors(rest, sign, [{prefix, unit, sign * power} | found])
 
-  defp prefixed(_word, []), do: :error
+  defp split_prefix(word) when is_map_key(@known, word), do: {:ok, {nil, word}}
 
-  defp prefixed(word, [{prefix, exponent} | rest]) do
-    with true <- String.starts_with?(word, prefix),
-         base = binary_part(word, byte_size(prefix), byte_size(word) - byte_size(prefix)),
-         true <- base in @prefixable do
-      unit = Map.fetch!(@known, base)
-      {:ok, %{unit | ratio: multiply(unit.ratio, power({10, 1}, exponent))}}
-    else
-      _ -> prefixed(word, rest)
-    end
+  defp split_prefix(word) do
+    Enum.find_value(@prefixes, :error, fn {prefix, _exponent} ->
+      with true <- String.starts_with?(word, prefix),
+           unit = binary_part(word, byte_size(prefix), byte_size(word) - byte_size(prefix)),
+           true <- unit in @prefixable,
+           do: {:ok, {prefix, unit}},
+           else: (_ -> nil)
+    end)
   end
 
   defp unknown_unit_message(name, word) do
@@ -232,26 +253,5 @@ defmodule BB.Unit.Name do
     |> Enum.sort(:desc)
     |> Enum.take(3)
     |> Enum.map(&elem(&1, 1))
-  end
-
-  @doc "Returns the product of two fractions."
-  def multiply({a, b}, {c, d}), do: reduce(a * c, b * d)
-
-  @doc "Returns the quotient of two fractions."
-  def divide(a, {c, d}), do: multiply(a, if(c < 0, do: {-d, -c}, else: {d, c}))
-
-  @doc "Returns the sum of two fractions."
-  def add({a, b}, {c, d}), do: reduce(a * d + c * b, b * d)
-
-  @doc "Returns the first fraction minus the second."
-  def subtract(a, {c, d}), do: add(a, {-c, d})
-
-  defp power(_fraction, 0), do: {1, 1}
-  defp power(fraction, n) when n > 0, do: multiply(fraction, power(fraction, n - 1))
-  defp power(fraction, n), do: divide({1, 1}, power(fraction, -n))
-
-  defp reduce(a, b) do
-    divisor = Integer.gcd(a, b)
-    {div(a, divisor), div(b, divisor)}
   end
 end
