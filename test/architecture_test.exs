@@ -24,6 +24,7 @@ defmodule ArchitectureTest do
     math: {~w(BB.Math.*), []},
     unit: {~w(BB.Unit.*), []},
     reference: {~w(BB.Parameter.Reference), []},
+    unit_option: {~w(BB.Unit.Option), ~w(options unit reference)a},
     native_library: {~w(BB.NativeLibrary), []},
     callback: {~w(BB.Callback.*), []},
     telemetry: {~w(BB.Telemetry), [:callback]},

@@ -216,7 +216,7 @@ defmodule BB.Message.PayloadsTest do
 
   test "a wrong element of a JointState is reported by its place" do
     assert message(Sensor.JointState, positions: [0.0, 1]) ==
-             "invalid value for :positions option: expected element 1 to be a float, BB.Math.Transform2D or BB.Math.Transform, got: 1"
+             "invalid value for :positions option: expected element 1 to be a float, BB.Math.Transform2D.t() or BB.Math.Transform.t(), got: 1"
 
     assert message(Sensor.JointState, names: ["elbow"]) ==
              "invalid value for :names option: expected element 0 to be an atom, got: \"elbow\""
