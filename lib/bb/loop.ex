@@ -16,27 +16,39 @@ defmodule BB.Loop do
         {:noreply, %{state | loop: loop}}
       end
 
-  Deadlines are absolute and kept in nanoseconds: tick n is due n periods after `arm/1`, however
+  Deadlines are absolute and kept in nanoseconds: they are whole periods after `new/2`, however
   late earlier ticks were handled. A handler that takes longer than a period does not get a burst
-  of ticks afterwards: the missed ones are skipped and counted.
+  of ticks afterwards: the missed ones are skipped and counted, so that `ticks + skipped` is the
+  number of periods that have passed.
+
+  Each call of `tick/1` arms the next tick. A process that does not arm the loop, but sends itself
+  the first `:tick`, keeps ticking at the rate too.
 
   The runtime's timers have a resolution of one millisecond. A tick arrives up to a millisecond
   after its deadline, never before it, and above 1 kHz some ticks are skipped. In a test, a robot
   may have a clock that the test advances (`BB.Clock.Stepped`).
 
   With `clock: :external` the loop sends no ticks. It measures and counts ticks from another
-  origin, such as an interrupt or the messages of another sensor: call `tick/1` when one arrives,
-  or `observe/2` when its time is known.
+  origin, such as an interrupt or the messages of another sensor: call `observe/2` with the time
+  of each.
 
-  Each tick emits the telemetry event `[:bb, :loop, :tick]` with the measurements `:dt_ns` (`nil`
-  at the first tick), `:late_ns` and `:skipped`, and the metadata `:robot` and `:path`.
+  ## Telemetry
+
+  Each tick but the first emits the event `[:bb, :loop, :tick]` with the measurements
+
+    * `:dt` - the time since the last tick, in seconds
+    * `:skipped` - the number of periods that this tick skipped
+    * `:deadline_error` - the time between the tick and its deadline, in nanoseconds
+
+  and the metadata `:robot`, `:path` and `:clock`.
 
   ## Fields
 
     * `:bb` - the owner, `%{robot: robot, path: path}`
-    * `:clock` - the clock given to `new/2`
+    * `:clock` - `{:rate, hertz}` with a float, or `:external`
     * `:period_ns` - the period; `nil` with an external clock
-    * `:deadline_ns` - the time of the next tick, in monotonic time; `nil` when not armed
+    * `:deadline_ns` - the last deadline that was set, in monotonic time; the time of `new/2` at
+      first
     * `:last_ns` - the time of the last tick
     * `:tick_ref` - the timer; `nil` when not armed
     * `:ticks`, `:skipped` - the number of ticks, and of missed ones, since `new/2`
@@ -47,13 +59,11 @@ defmodule BB.Loop do
   @enforce_keys [:bb, :clock]
   defstruct [:bb, :clock, :period_ns, :deadline_ns, :last_ns, :tick_ref, ticks: 0, skipped: 0]
 
-  @type clock :: {:rate, Unit.t() | number()} | :external
-
   @type t :: %__MODULE__{
           bb: %{robot: module(), path: [atom()]},
-          clock: clock(),
+          clock: {:rate, float()} | :external,
           period_ns: pos_integer() | nil,
-          deadline_ns: integer() | nil,
+          deadline_ns: integer(),
           last_ns: integer() | nil,
           tick_ref: Clock.timer() | nil,
           ticks: non_neg_integer(),
@@ -63,33 +73,42 @@ defmodule BB.Loop do
   @doc """
   Creates a loop that is not armed.
 
-  The rate is a quantity such as `~u(100 hertz)`, or a number of hertz, above zero. Anything else
-  raises `ArgumentError`.
+  The rate is a quantity such as `~u(100 hertz)`, or a number of hertz, above zero.
 
-      iex> BB.Loop.new(%{robot: MyRobot, path: [:sensor, :imu]}, clock: {:rate, 100}).period_ns
-      10000000
+      iex> loop = BB.Loop.new(%{robot: MyRobot, path: [:sensor, :imu]}, clock: {:rate, 100})
+      iex> {loop.clock, loop.period_ns}
+      {{:rate, 100.0}, 10_000_000}
+
+  Raises `KeyError` without `clock:`, `FunctionClauseError` for an owner without `:robot` and
+  `:path` and for a rate that is not above zero, and `ArgumentError` for any other clock.
   """
-  @spec new(%{robot: module(), path: [atom()]}, clock: clock()) :: t()
-  def new(bb, opts) do
-    case Keyword.validate!(opts, [:clock]) do
-      [clock: clock] -> %__MODULE__{bb: bb, clock: clock, period_ns: period_ns(clock)}
-      [] -> raise ArgumentError, "expected clock: {:rate, hertz} or clock: :external, got: []"
-    end
+  @spec new(%{robot: module(), path: [atom()]},
+          clock: {:rate, Unit.t() | number()} | :external
+        ) :: t()
+  def new(%{robot: robot, path: _path} = bb, opts) do
+    clock = opts |> Keyword.fetch!(:clock) |> normalise()
+
+    %__MODULE__{
+      bb: bb,
+      clock: clock,
+      period_ns: period_ns(clock),
+      deadline_ns: robot |> Clock.of() |> Clock.now_ns()
+    }
   end
 
-  defp period_ns(:external), do: nil
+  defp normalise(:external), do: :external
 
-  defp period_ns({:rate, hertz}) when is_number(hertz) and hertz > 0,
-    do: max(round(1_000_000_000 / hertz), 1)
-
-  defp period_ns({:rate, %Unit{} = rate} = clock) do
+  defp normalise({:rate, %Unit{} = rate} = clock) do
     case Unit.convert(rate, :hertz) do
-      {:ok, %Unit{value: hertz}} when hertz > 0 -> period_ns({:rate, hertz})
-      _ -> raise_clock(clock)
+      {:ok, %Unit{value: hertz}} -> rate_clock(hertz)
+      {:error, _error} -> raise_clock(clock)
     end
   end
 
-  defp period_ns(clock), do: raise_clock(clock)
+  defp normalise({:rate, hertz}) when is_number(hertz), do: rate_clock(hertz)
+  defp normalise(clock), do: raise_clock(clock)
+
+  defp rate_clock(hertz) when hertz > 0, do: {:rate, hertz / 1}
 
   defp raise_clock(clock) do
     raise ArgumentError,
@@ -97,15 +116,21 @@ defmodule BB.Loop do
             "frequency such as ~u(100 hertz), got: #{inspect(clock)}"
   end
 
+  defp period_ns(:external), do: nil
+  defp period_ns({:rate, hertz}), do: max(round(1_000_000_000 / hertz), 1)
+
   @doc """
-  Arms the loop: the calling process gets `:tick` after one period.
+  Arms the loop: the calling process gets `:tick` at the next deadline.
 
   The process gets further ticks as long as it calls `tick/1` for each. A loop that is armed
-  already or has an external clock does not change.
+  already or has an external clock does not change. A loop that was cancelled continues with its
+  deadlines from before; the periods between are not counted as skipped.
   """
   @spec arm(t()) :: t()
-  def arm(%__MODULE__{period_ns: period_ns, tick_ref: nil} = loop) when is_integer(period_ns),
-    do: arm_for(loop, now_ns(loop) + period_ns)
+  def arm(%__MODULE__{clock: {:rate, _hertz}, tick_ref: nil} = loop) do
+    {periods, _skipped} = next_deadline(loop, now_ns(loop))
+    schedule(loop, periods)
+  end
 
   def arm(%__MODULE__{} = loop), do: loop
 
@@ -113,67 +138,104 @@ defmodule BB.Loop do
   Handles a tick and arms the next one. Returns `{dt_seconds, skipped, loop}`.
 
   `dt_seconds` is the time since the last tick, `nil` at the first one. `skipped` is the number of
-  deadlines missed since then.
+  periods that were missed since its deadline. A tick that comes before its deadline, because the
+  process has sent it to itself, takes the place of the one that is armed.
+
+  With an external clock, the tick is observed now (`observe/2`).
   """
   @spec tick(t()) :: {float() | nil, non_neg_integer(), t()}
-  def tick(%__MODULE__{} = loop), do: observe(loop, now_ns(loop))
+  def tick(%__MODULE__{clock: :external} = loop), do: observe(loop, now_ns(loop))
 
-  @doc """
-  Handles a tick as `tick/1` does, for a tick at a known time.
-
-  The time is a monotonic time in nanoseconds, or the `monotonic_time` of the given message.
-  """
-  @spec observe(t(), integer() | Message.t()) :: {float() | nil, non_neg_integer(), t()}
-  def observe(%__MODULE__{} = loop, %Message{monotonic_time: time_ns}), do: observe(loop, time_ns)
-
-  def observe(%__MODULE__{} = loop, time_ns) when is_integer(time_ns) do
-    dt_ns = loop.last_ns && time_ns - loop.last_ns
-    skipped = missed(loop, time_ns)
-    emit(loop, dt_ns, skipped, time_ns)
-
-    loop =
-      %{loop | last_ns: time_ns, ticks: loop.ticks + 1, skipped: loop.skipped + skipped}
-      |> advance(time_ns, skipped)
-
-    {dt_ns && dt_ns / 1_000_000_000, skipped, loop}
+  def tick(%__MODULE__{} = loop) do
+    now_ns = now_ns(loop)
+    {periods, skipped} = next_deadline(loop, now_ns)
+    next = loop |> withdraw_early(now_ns) |> schedule(periods)
+    measure(next, now_ns, skipped, now_ns - loop.deadline_ns)
   end
 
-  @doc "Stops the ticks, and removes one that is in the mailbox already."
+  @doc """
+  Measures a tick of an external clock. Returns as `tick/1` does, with nothing skipped.
+
+  The time is a monotonic time in nanoseconds, or the `monotonic_time` of the given message. A
+  time that is not after the last one is not counted: the loop does not change, so that the next
+  good one is measured from the last good one.
+
+      iex> loop = BB.Loop.new(%{robot: MyRobot, path: [:filter]}, clock: :external)
+      iex> {nil, 0, loop} = BB.Loop.observe(loop, 1_000_000)
+      iex> {0.002, 0, loop} = BB.Loop.observe(loop, 3_000_000)
+      iex> BB.Loop.observe(loop, 2_000_000) == {nil, 0, loop}
+      true
+  """
+  @spec observe(t(), integer() | Message.t()) :: {float() | nil, 0, t()}
+  def observe(%__MODULE__{} = loop, %Message{monotonic_time: time_ns}), do: observe(loop, time_ns)
+
+  def observe(%__MODULE__{last_ns: last_ns} = loop, time_ns)
+      when is_integer(time_ns) and is_integer(last_ns) and time_ns <= last_ns,
+      do: {nil, 0, loop}
+
+  def observe(%__MODULE__{} = loop, time_ns) when is_integer(time_ns),
+    do: measure(loop, time_ns, 0, 0)
+
+  @doc """
+  Stops the ticks, and removes one that is in the mailbox already.
+
+  A loop that is not armed does not change.
+  """
   @spec cancel(t()) :: t()
   def cancel(%__MODULE__{tick_ref: nil} = loop), do: loop
 
   def cancel(%__MODULE__{tick_ref: ref} = loop) do
     :ok = loop |> clock() |> Clock.recall(ref, :tick)
-    %{loop | tick_ref: nil, deadline_ns: nil}
+    %{loop | tick_ref: nil}
   end
 
-  # A tick before its deadline misses none, and the armed tick still arrives.
+  # How many periods after its last deadline the loop has its next one, and how many deadlines
+  # between have passed. A deadline that early ticks and repeated arming have moved ahead comes
+  # back: the next one is at most two periods from now.
+  defp next_deadline(loop, now_ns) do
+    case Integer.floor_div(now_ns - loop.deadline_ns, loop.period_ns) do
+      passed when passed >= 0 -> {passed + 1, passed}
+      -1 -> {1, 0}
+      ahead -> {ahead + 2, 0}
+    end
+  end
 
-  defp missed(%{deadline_ns: nil}, _time_ns), do: 0
-
-  defp missed(%{deadline_ns: deadline_ns, period_ns: period_ns}, time_ns),
-    do: max(div(time_ns - deadline_ns, period_ns), 0)
-
-  defp advance(%{deadline_ns: nil} = loop, _time_ns, _skipped), do: loop
-
-  defp advance(%{deadline_ns: deadline_ns} = loop, time_ns, _skipped) when time_ns < deadline_ns,
-    do: loop
-
-  defp advance(loop, _time_ns, skipped),
-    do: arm_for(loop, loop.deadline_ns + (skipped + 1) * loop.period_ns)
-
-  defp arm_for(loop, deadline_ns) do
+  defp schedule(loop, periods) do
+    deadline_ns = loop.deadline_ns + periods * loop.period_ns
     ref = loop |> clock() |> Clock.send_at(deadline_ns, self(), :tick)
     %{loop | deadline_ns: deadline_ns, tick_ref: ref}
   end
 
-  defp emit(loop, dt_ns, skipped, time_ns) do
-    late_ns = if loop.deadline_ns, do: time_ns - loop.deadline_ns, else: 0
+  # Otherwise the loop would send two ticks in a period from now on.
+  defp withdraw_early(%{tick_ref: ref} = loop, now_ns)
+       when ref != nil and now_ns < loop.deadline_ns do
+    _ = loop |> clock() |> Clock.cancel(ref)
+    loop
+  end
 
+  defp withdraw_early(loop, _now_ns), do: loop
+
+  defp measure(loop, time_ns, skipped, deadline_error_ns) do
+    dt = loop.last_ns && (time_ns - loop.last_ns) / 1_000_000_000
+    emit(loop, dt, skipped, deadline_error_ns)
+
+    loop = %{
+      loop
+      | last_ns: time_ns,
+        ticks: loop.ticks + 1,
+        skipped: loop.skipped + skipped
+    }
+
+    {dt, skipped, loop}
+  end
+
+  defp emit(_loop, nil, _skipped, _deadline_error_ns), do: :ok
+
+  defp emit(loop, dt, skipped, deadline_error_ns) do
     Telemetry.emit(
       [:bb, :loop, :tick],
-      %{dt_ns: dt_ns, late_ns: late_ns, skipped: skipped},
-      %{robot: loop.bb.robot, path: loop.bb.path},
+      %{dt: dt, skipped: skipped, deadline_error: deadline_error_ns},
+      %{robot: loop.bb.robot, path: loop.bb.path, clock: loop.clock},
       apart: true
     )
   end
