@@ -19,6 +19,8 @@ defmodule BB.Message do
       times.
     * `node` - the node that created the message
     * `robot` - the robot on whose pubsub it was published, `nil` until then
+    * `arm_epoch` - of a command, the arming of the robot that allows it (`BB.Safety.epoch/1`);
+      `nil` in other messages
 
   ## Payloads
 
@@ -43,7 +45,8 @@ defmodule BB.Message do
       module is compiled, so a message is checked without walking the schema. Attributes that it
       refuses go to `BB.Options.validate/2`, which returns the reason.
 
-  A module that defines a `new/2` of its own keeps it, and reaches the checks by
+  The module has the behaviour `BB.Message`, so an option of the type `{:behaviour, BB.Message}`
+  takes it. A module that defines a `new/2` of its own keeps it, and reaches the checks by
   `BB.Message.new/3`.
 
   A key of the schema that is not a field of the struct raises `CompileError`. A `:float` field
@@ -54,8 +57,7 @@ defmodule BB.Message do
   alias BB.Message.Compiler
   alias BB.Options
 
-  @enforce_keys [:monotonic_time, :wall_time, :node, :frame_id, :payload]
-  defstruct [:monotonic_time, :wall_time, :node, :frame_id, :payload, :robot]
+  defstruct [:monotonic_time, :wall_time, :node, :frame_id, :payload, :robot, :arm_epoch]
 
   @type t :: t(struct())
 
@@ -66,7 +68,8 @@ defmodule BB.Message do
           node: node(),
           frame_id: atom(),
           payload: payload,
-          robot: module() | nil
+          robot: module() | nil,
+          arm_epoch: integer() | nil
         }
 
   @type attrs :: keyword() | map()
@@ -74,9 +77,13 @@ defmodule BB.Message do
   @typedoc "The times in nanoseconds. If one time is given, the other is calculated from it."
   @type times :: [monotonic_time: integer(), wall_time: integer()]
 
+  @doc "Returns the schema of the payload. `use BB.Message` defines it."
+  @callback schema() :: Options.t()
+
   @doc false
   defmacro __using__(opts) do
     quote do
+      @behaviour BB.Message
       @bb_message_schema BB.Message.Compiler.schema!(unquote(opts), __ENV__)
       @before_compile BB.Message.Compiler
     end
@@ -86,7 +93,8 @@ defmodule BB.Message do
   Creates a message.
 
   Returns `{:ok, message}` or `{:error, %BB.Options.ValidationError{}}`. Raises `ArgumentError`
-  when `module` is not a payload module.
+  when `module` is not a payload module, and `FunctionClauseError` when `frame_id` is no atom or
+  `attrs` no list and no map.
 
   Give `times` for a measurement that was made earlier, for example by the clock of a camera or a
   chip. One of the two times is enough:
@@ -99,7 +107,8 @@ defmodule BB.Message do
   """
   @spec new(module(), atom(), attrs(), times()) ::
           {:ok, t()} | {:error, Options.ValidationError.t()}
-  def new(module, frame_id, attrs, times \\ []) do
+  def new(module, frame_id, attrs, times \\ [])
+      when is_atom(frame_id) and (is_list(attrs) or is_map(attrs)) do
     case payload(module, attrs) do
       {:ok, payload} -> {:ok, wrap(payload, frame_id, times)}
       error -> error
@@ -115,8 +124,15 @@ defmodule BB.Message do
     end
   end
 
-  @doc "Returns the schema of a payload module."
-  @spec schema(module()) :: Options.t()
+  @doc """
+  Returns the schema of a payload module, or of a message's payload.
+
+      iex> schema = BB.Message.schema(BB.Message.Sensor.PowerState)
+      iex> Keyword.keys(schema.schema)
+      [:voltage, :current, :power, :shunt_voltage]
+  """
+  @spec schema(module() | t()) :: Options.t()
+  def schema(%__MODULE__{payload: %module{}}), do: schema(module)
   def schema(module), do: payload_module!(module).schema()
 
   @doc false
@@ -162,7 +178,14 @@ defmodule BB.Message do
   # Both times come from one reading of the clock, so they are the same moment.
   defp offset, do: :erlang.time_offset(:nanosecond)
 
-  defp payload(module, attrs), do: payload_module!(module).__payload__(attrs)
+  # A payload module without generated code has its schema walked.
+  defp payload(module, attrs) do
+    module = payload_module!(module)
+
+    if Compiler.compiled?(module),
+      do: module.__payload__(attrs),
+      else: Compiler.validate(module, attrs)
+  end
 
   defp payload_module!(module) do
     if is_atom(module) and (Compiler.payload?(module) or loadable_payload?(module)) do

@@ -111,10 +111,29 @@ defmodule BB.MessageTest do
       end
     end
 
-    test "refuses a frame_id that is no atom" do
-      assert_raise ArgumentError, ~s(expected an atom as frame_id, got: "imu"), fn ->
-        Imu.new("imu", imu_attrs())
-      end
+    test "has a frame_id that is an atom, and attributes that are a list or a map" do
+      for {frame_id, attrs} <- [
+            {"imu", imu_attrs()},
+            {1, imu_attrs()},
+            {:imu, "attrs"},
+            {:imu, nil}
+          ],
+          make <- [&Imu.new/2, &Message.new(Imu, &1, &2), &Message.new!(Imu, &1, &2)],
+          do: assert_raise(FunctionClauseError, fn -> make.(frame_id, attrs) end)
+    end
+
+    test "is a struct whose fields may all be left out" do
+      assert %Message{} == %Message{
+               monotonic_time: nil,
+               wall_time: nil,
+               node: nil,
+               frame_id: nil,
+               payload: nil,
+               robot: nil,
+               arm_epoch: nil
+             }
+
+      assert Message.new!(Imu, :imu, imu_attrs()).arm_epoch == nil
     end
   end
 
@@ -161,7 +180,50 @@ defmodule BB.MessageTest do
     test "gives the schema" do
       assert %BB.Options{} = Imu.schema()
       assert Message.schema(Imu) == Imu.schema()
+      assert Message.schema(Message.new!(Imu, :imu, imu_attrs())) == Imu.schema()
       assert {:ok, _} = BB.Options.validate(imu_attrs(), Imu.schema())
+    end
+
+    test "gives every payload the behaviour BB.Message" do
+      assert BB.Message.behaviour_info(:callbacks) == [schema: 0]
+      {:ok, modules} = :application.get_key(:ganglion, :modules)
+
+      payloads =
+        for module <- [Mixed | modules],
+            Code.ensure_loaded?(module) and function_exported?(module, :__payload__, 1),
+            do: module
+
+      assert length(payloads) > 20
+
+      for module <- payloads,
+          do: assert(BB.Message in List.flatten(module.module_info(:attributes)[:behaviour]))
+    end
+
+    # The options of a controller that takes the modules of its input and its output.
+    test "makes a payload module an option's value, whose fields can be read" do
+      schema = BB.Options.new!(input: [type: {:behaviour, BB.Message}, required: true])
+      assert {:ok, input: Imu} = BB.Options.validate([input: Imu], schema)
+      assert Imu.schema().schema[:orientation][:type] == {:struct, Quaternion}
+
+      for module <- [String, Vec3, NoSuchModule, nil],
+          do: assert({:error, %{key: :input}} = BB.Options.validate([input: module], schema))
+    end
+
+    test "is not needed by a struct that has the behaviour" do
+      {:module, module, _, _} =
+        compile(
+          quote do
+            @behaviour BB.Message
+            defstruct [:rate, wet: false]
+            @impl BB.Message
+            def schema, do: BB.Options.new!(rate: [type: :float, required: true])
+          end
+        )
+
+      assert %Message{payload: payload} = Message.new!(module, :roof, rate: 1.0)
+      assert payload == struct!(module, rate: 1.0)
+      assert {:error, %ValidationError{key: :rate}} = Message.new(module, :roof, rate: 1)
+      assert Message.schema(module) == module.schema()
     end
 
     test "refuses keys that the struct does not have, when compiled" do
@@ -195,16 +257,20 @@ defmodule BB.MessageTest do
     end
 
     test "takes a schema and nothing else" do
-      assert_raise CompileError,
-                   ~r/expected use BB.Message with schema: alone, got: \[shema: \[\]\]/,
-                   fn ->
-                     compile(
-                       quote do
-                         defstruct [:rate]
-                         use BB.Message, shema: []
-                       end
-                     )
-                   end
+      for opts <- [[], [shema: []], [schema: [], rate: 1]] do
+        error =
+          assert_raise ArgumentError, fn ->
+            compile(
+              quote do
+                defstruct [:rate]
+                use BB.Message, unquote(opts)
+              end
+            )
+          end
+
+        assert error.message ==
+                 "expected use BB.Message with schema: alone, got: #{inspect(opts)}"
+      end
     end
 
     test "works with enforced keys" do

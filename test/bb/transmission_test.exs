@@ -150,6 +150,20 @@ defmodule BB.TransmissionTest do
                |> Enum.map(&Enum.sort_by(&1, fn {key, _} -> key_order(key) end))
     end
 
+    test "leaves the absent rates of a Trajectory absent" do
+      for {waypoint, motor} <- [
+            {[position: 1.25, time_from_start: 10], [position: -50.0, time_from_start: 10]},
+            {[position: 1.25, velocity: nil, time_from_start: 0],
+             [position: -50.0, velocity: nil, time_from_start: 0]},
+            {[position: 1.25, acceleration: 1.0, time_from_start: 0],
+             [position: -50.0, acceleration: -50.0, time_from_start: 0]}
+          ] do
+        message = Message.new!(Command.Trajectory, :servo, waypoints: [waypoint])
+        assert [applied] = Transmission.apply_to_command(message, @reversed).payload.waypoints
+        assert Enum.sort(applied) == Enum.sort(motor)
+      end
+    end
+
     defp key_order(key),
       do: Enum.find_index([:position, :velocity, :acceleration, :time_from_start], &(&1 == key))
 

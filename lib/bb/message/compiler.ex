@@ -35,13 +35,16 @@ defmodule BB.Message.Compiler do
   @doc """
   Returns the checked schema of `use BB.Message, schema: …`.
 
-  Raises CompileError if it is wrong.
+  Raises ArgumentError or CompileError if it is wrong.
   """
   def schema!(opts, env) do
     schema =
       case opts do
-        [schema: schema] -> Options.new!(schema)
-        _ -> fail(env, "expected use BB.Message with schema: alone, got: #{inspect(opts)}")
+        [schema: schema] ->
+          Options.new!(schema)
+
+        _ ->
+          raise ArgumentError, "expected use BB.Message with schema: alone, got: #{inspect(opts)}"
       end
 
     unless Module.defines?(env.module, {:__struct__, 0}) do
@@ -54,7 +57,14 @@ defmodule BB.Message.Compiler do
     schema
   end
 
-  def payload?(module), do: function_exported?(module, :__payload__, 1)
+  @doc "Returns whether a loaded module is a payload: a struct with a schema."
+  def payload?(module) do
+    compiled?(module) or
+      (function_exported?(module, :schema, 0) and function_exported?(module, :__struct__, 0))
+  end
+
+  @doc "Returns whether a loaded payload module has a constructor of its own, from this module."
+  def compiled?(module), do: function_exported?(module, :__payload__, 1)
 
   defmacro __before_compile__(env) do
     schema = Module.get_attribute(env.module, :bb_message_schema)
@@ -100,7 +110,8 @@ defmodule BB.Message.Compiler do
       """
       @spec new(atom(), BB.Message.attrs()) ::
               {:ok, BB.Message.t()} | {:error, BB.Options.ValidationError.t()}
-      def new(frame_id, attrs) do
+      def new(frame_id, attrs)
+          when is_atom(frame_id) and (is_list(attrs) or is_map(attrs)) do
         case __payload__(attrs) do
           {:ok, payload} -> {:ok, BB.Message.wrap(payload, frame_id)}
           error -> error

@@ -6,6 +6,7 @@ defmodule BB.Message.PayloadsTest do
   alias BB.Message.{Actuator, Estimator, Geometry, Sensor}
   alias BB.Message.Actuator.Command
   alias BB.Message.Vision.{TagDetection, TagDetections}
+  alias BB.Parameter.Changed
 
   doctest BB.Message.Actuator.BeginMotion
   doctest BB.Message.Actuator.Command.Effort
@@ -202,7 +203,55 @@ defmodule BB.Message.PayloadsTest do
     assert message(Actuator.EndMotion, reason: :tired) =~ "expected one of [:completed, "
 
     assert message(Command.Trajectory, waypoints: [[position: 0.0]]) =~
-             "required :velocity option not found, received options: [:position]"
+             "required :time_from_start option not found, received options: [:position]"
+
+    assert message(Command.Trajectory, waypoints: [[time_from_start: 0]]) =~
+             "required :position option not found, received options: [:time_from_start]"
+
+    for wrong <- [[velocity: 1], [acceleration: :fast], [time_from_start: -1], [jerk: 1.0]] do
+      waypoint = Keyword.merge([position: 0.0, time_from_start: 0], wrong)
+
+      assert message(Command.Trajectory, waypoints: [waypoint]) =~
+               inspect(hd(Keyword.keys(wrong)))
+    end
+
+    assert message(Command.Trajectory, repeat: 0) =~ "expected"
+  end
+
+  test "the rates of a waypoint may be absent, and stay so" do
+    waypoints = [
+      [position: 0.0, time_from_start: 0],
+      [position: 0.5, velocity: nil, time_from_start: 5],
+      [position: 1.0, acceleration: 2.0, time_from_start: 10]
+    ]
+
+    payload =
+      Message.new!(Command.Trajectory, :arm, waypoints: waypoints, repeat: :forever).payload
+
+    assert Enum.map(payload.waypoints, &Enum.sort/1) == Enum.map(waypoints, &Enum.sort/1)
+  end
+
+  test "a command's id is a reference, or nil" do
+    id = make_ref()
+
+    for {module, required, defaults} <- @payloads, Keyword.has_key?(defaults, :command_id) do
+      for command_id <- [nil, id] do
+        attrs = Keyword.put(required, :command_id, command_id)
+        assert Message.new!(module, :arm, attrs).payload.command_id == command_id
+      end
+
+      assert message(module, command_id: 1) =~ "command_id"
+    end
+  end
+
+  test "a parameter's change has a source, :local where it is not given" do
+    for {attrs, source} <- [{[], :local}, {[source: :remote], :remote}] do
+      changed = Message.new!(Changed, :parameter, [path: [:a], new_value: 1] ++ attrs).payload
+      assert changed == %Changed{path: [:a], old_value: nil, new_value: 1, source: source}
+    end
+
+    assert {:error, %{key: :source}} =
+             Message.new(Changed, :parameter, path: [:a], new_value: 1, source: :moon)
   end
 
   test "estimates have covariances of six" do
@@ -223,7 +272,7 @@ defmodule BB.Message.PayloadsTest do
 
     assert message(Sensor.JointState, efforts: 1.0) ==
              "invalid value for :efforts option: expected a list, each element a float, " <>
-               "BB.Message.Geometry.Wrench2D or BB.Message.Geometry.Wrench, got: 1.0"
+               "BB.Message.Geometry.Wrench2D.t() or BB.Message.Geometry.Wrench.t(), got: 1.0"
 
     assert message(Sensor.JointState, velocities: [1.0 | 2.0]) =~
              "expected a list, each element a float"
@@ -265,7 +314,41 @@ defmodule BB.Message.PayloadsTest do
     end
 
     assert {:error, %{key: :transform}} = Geometry.Pose.new(:f, transform: a)
-    assert {:error, %{key: :vx}} = Geometry.Twist2D.new(:f, 1, 2.0, 3.0)
+  end
+
+  test "numbers become the floats of a motion in the plane; its attributes are floats" do
+    assert {:ok, %{payload: %{vx: vx, vy: vy, omega: omega}}} = Geometry.Twist2D.new(:f, 1, 2, 3)
+    assert {vx, vy, omega} === {1.0, 2.0, 3.0}
+    assert {:ok, %{payload: %{fx: fx, fy: fy, tau: tau}}} = Geometry.Wrench2D.new(:f, 1, 2, 3)
+    assert {fx, fy, tau} === {1.0, 2.0, 3.0}
+    assert {:error, %{key: :vx}} = Geometry.Twist2D.new(:f, vx: 1, vy: 2.0, omega: 3.0)
+    assert {:error, %{key: :tau}} = Geometry.Wrench2D.new(:f, fx: 1.0, fy: 2.0, tau: 3)
+
+    for module <- [Geometry.Twist2D, Geometry.Wrench2D],
+        do: assert_raise(FunctionClauseError, fn -> module.new(:f, "1", 2, 3) end)
+  end
+
+  test "a Pose is made of its parts, and has them" do
+    position = Vec3.new(1, 2, 3)
+    orientation = Quaternion.new(1, 2, 3, 4)
+    assert {:ok, %{frame_id: :f, payload: pose}} = Geometry.Pose.new(:f, position, orientation)
+    assert Geometry.Pose.position(pose) == position
+    assert Geometry.Pose.to_transform(pose) == pose.transform
+    assert Geometry.Pose.new(:f, pose.transform) |> elem(1) |> Map.get(:payload) == pose
+    assert {:ok, %{payload: ^pose}} = Geometry.Pose.new(:f, transform: pose.transform)
+
+    for key <- [:w, :x, :y, :z] do
+      assert_in_delta Map.get(Geometry.Pose.orientation(pose), key),
+                      Map.get(orientation, key),
+                      1.0e-12
+    end
+  end
+
+  test "a Point3D has its coordinates" do
+    {:ok, %{payload: point}} = Geometry.Point3D.new(:f, Vec3.new(1, 2, 3))
+    alias Geometry.Point3D
+    assert {Point3D.x(point), Point3D.y(point), Point3D.z(point)} === {1.0, 2.0, 3.0}
+    assert Point3D.to_vec3(point) == Vec3.new(1, 2, 3)
   end
 
   test "a LaserScan's ranges are floats" do

@@ -5,7 +5,7 @@ defmodule BB.Message.Geometry.Point3D do
   Use it for the position of something without an orientation:
 
       iex> {:ok, message} = BB.Message.Geometry.Point3D.new(:camera, BB.Math.Vec3.new(0, 0, 1.5))
-      iex> message.payload.vec.z
+      iex> BB.Message.Geometry.Point3D.z(message.payload)
       1.5
   """
 
@@ -29,4 +29,20 @@ defmodule BB.Message.Geometry.Point3D do
           {:ok, BB.Message.t(t())} | {:error, BB.Options.ValidationError.t()}
   def new(frame_id, %Vec3{} = vec), do: BB.Message.new(__MODULE__, frame_id, vec: vec)
   def new(frame_id, attrs), do: BB.Message.new(__MODULE__, frame_id, attrs)
+
+  @doc "Returns the x coordinate of a point."
+  @spec x(t()) :: float()
+  def x(%__MODULE__{vec: vec}), do: vec.x
+
+  @doc "Returns the y coordinate of a point."
+  @spec y(t()) :: float()
+  def y(%__MODULE__{vec: vec}), do: vec.y
+
+  @doc "Returns the z coordinate of a point."
+  @spec z(t()) :: float()
+  def z(%__MODULE__{vec: vec}), do: vec.z
+
+  @doc "Returns the position of a point as a vector."
+  @spec to_vec3(t()) :: Vec3.t()
+  def to_vec3(%__MODULE__{vec: vec}), do: vec
 end

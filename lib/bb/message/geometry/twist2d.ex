@@ -5,7 +5,7 @@ defmodule BB.Message.Geometry.Twist2D do
   Use it for joints and bodies that move in a plane, for example in
   `BB.Message.Sensor.JointState`:
 
-      iex> {:ok, message} = BB.Message.Geometry.Twist2D.new(:base_link, 0.5, 0.0, 0.1)
+      iex> {:ok, message} = BB.Message.Geometry.Twist2D.new(:base_link, 0.5, 0, 0.1)
       iex> message.payload.omega
       0.1
   """
@@ -25,8 +25,14 @@ defmodule BB.Message.Geometry.Twist2D do
       ]
     ]
 
-  @doc "Creates a message from the three floats. Returns `{:ok, message}`."
-  @spec new(atom(), float(), float(), float()) ::
+  @doc """
+  Creates a message from three numbers, which become floats. Returns `{:ok, message}`.
+
+  The attributes of `new/2` have to be floats.
+  """
+  @spec new(atom(), number(), number(), number()) ::
           {:ok, BB.Message.t(t())} | {:error, BB.Options.ValidationError.t()}
-  def new(frame_id, vx, vy, omega), do: new(frame_id, vx: vx, vy: vy, omega: omega)
+  def new(frame_id, vx, vy, omega)
+      when is_number(vx) and is_number(vy) and is_number(omega),
+      do: new(frame_id, vx: vx / 1, vy: vy / 1, omega: omega / 1)
 end

@@ -1,15 +1,17 @@
 defmodule BB.Message.Actuator.Command.Trajectory do
   @moduledoc """
-  The command to follow waypoints, each with position, velocity, acceleration and time.
+  The command to follow waypoints, each with a position and a time.
 
   Use it for a motion that is planned in advance:
 
       iex> {:ok, message} = BB.Message.Actuator.Command.Trajectory.new(:shoulder, waypoints: [
-      ...>   [position: 0.0, velocity: 0.0, acceleration: 0.0, time_from_start: 0],
-      ...>   [position: 1.57, velocity: 0.0, acceleration: 0.0, time_from_start: 1_000]
+      ...>   [position: 0.0, time_from_start: 0],
+      ...>   [position: 1.57, velocity: 0.0, time_from_start: 1_000]
       ...> ])
       iex> message.payload.repeat
       1
+
+  A waypoint may have a velocity and an acceleration. The driver decides what it does not have.
   """
 
   @waypoint BB.Options.new!(
@@ -18,10 +20,9 @@ defmodule BB.Message.Actuator.Command.Trajectory do
                 required: true,
                 doc: "The position in rad, or in m for a prismatic joint."
               ],
-              velocity: [type: :float, required: true, doc: "The velocity in rad/s or m/s."],
+              velocity: [type: {:or, [:float, nil]}, doc: "The velocity in rad/s or m/s."],
               acceleration: [
-                type: :float,
-                required: true,
+                type: {:or, [:float, nil]},
                 doc: "The acceleration in rad/s² or m/s²."
               ],
               time_from_start: [
@@ -33,11 +34,12 @@ defmodule BB.Message.Actuator.Command.Trajectory do
 
   defstruct [:waypoints, :command_id, repeat: 1]
 
+  @typedoc "A waypoint. `:position` and `:time_from_start` are required."
   @type waypoint :: [
-          position: float(),
-          velocity: float(),
-          acceleration: float(),
-          time_from_start: non_neg_integer()
+          {:position, float()}
+          | {:velocity, float() | nil}
+          | {:acceleration, float() | nil}
+          | {:time_from_start, non_neg_integer()}
         ]
 
   @type t :: %__MODULE__{
