@@ -39,9 +39,7 @@ defmodule BB do
   @call_timeout_ms 5_000
 
   defmacro __using__(opts) do
-    if opts != [],
-      do: raise(ArgumentError, "`use BB` takes no options, got: #{Macro.to_string(opts)}")
-
+    check_options(opts, __CALLER__)
     place = Macro.escape(%{file: __CALLER__.file, line: __CALLER__.line})
 
     quote do
@@ -57,6 +55,20 @@ defmodule BB do
       @doc "Starts the robot. See `BB.Supervisor.start_link/2`."
       @spec start_link(keyword()) :: Supervisor.on_start() | {:error, Exception.t()}
       def start_link(opts \\ []), do: BB.Supervisor.start_link(__MODULE__, opts)
+    end
+  end
+
+  # The DSL has no extensions. Code for Beam Bots may have an empty list of them.
+  defp check_options(opts, env) do
+    unless Keyword.keyword?(opts) and Enum.all?(opts, &(&1 in [extensions: [], fragments: []])) do
+      raise BB.Dsl.Error,
+        module: env.module,
+        path: [],
+        file: env.file,
+        line: env.line,
+        reason:
+          "cannot extend the DSL: expected `use BB` without options, " <>
+            "got: #{Macro.to_string(opts)}; remove the options"
     end
   end
 
@@ -106,15 +118,19 @@ defmodule BB do
   def cast(robot, name, request), do: GenServer.cast(BB.Process.via(robot, name), request)
 
   @doc """
-  Sends a message to a component by its name, and returns the message.
+  Sends a message to a component by its name, and returns `:ok`.
 
   The message is lost while the component is down.
   """
-  @spec send(module(), atom(), message) :: message when message: term()
+  @spec send(module(), atom(), term()) :: :ok
   def send(robot, name, message) do
     case BB.Process.whereis(robot, name) do
-      :undefined -> message
-      pid -> Kernel.send(pid, message)
+      :undefined ->
+        :ok
+
+      pid ->
+        _ = Kernel.send(pid, message)
+        :ok
     end
   end
 end

@@ -38,6 +38,31 @@ defmodule BBTest do
       assert robot.child_spec(a: 1) == %{spec | start: {robot, :start_link, [[a: 1]]}}
     end
 
+    test "takes an empty list of extensions, and refuses others" do
+      for {options, number} <-
+            Enum.with_index(["", ", extensions: []", ", extensions: [], fragments: []"]) do
+        assert [{robot, _}] =
+                 Code.compile_string("defmodule BBTest.Extended#{number} do use BB#{options} end")
+
+        assert %BB.Robot{name: ^robot} = robot.robot()
+      end
+
+      for options <- ["extensions: [My.Extension]", "otp: :my_robot", ":extensions"] do
+        error =
+          assert_raise BB.Dsl.Error, fn ->
+            Code.compile_string(
+              "defmodule BBTest.Refused do\nuse BB, #{options}\nend",
+              "robot.ex"
+            )
+          end
+
+        assert Exception.message(error) =~
+                 ~r/^BBTest.Refused, .*robot.ex:2.*cannot extend the DSL: /
+
+        assert Exception.message(error) =~ options
+      end
+    end
+
     test "makes start_link/0 start the robot under its name", %{robot: robot} do
       assert {:ok, pid} = robot.start_link()
       assert Process.whereis(robot) == pid
@@ -81,7 +106,7 @@ defmodule BBTest do
       assert BB.call(robot, :sonar, 2, 1_000) == {:called, 2}
       assert BB.cast(robot, :sonar, 3) == :ok
       assert_receive {:cast, 3}
-      assert BB.send(robot, :sonar, 4) == 4
+      assert BB.send(robot, :sonar, 4) == :ok
       assert_receive {:sent, 4}
     end
 
@@ -90,7 +115,7 @@ defmodule BBTest do
     } do
       assert {:noproc, _} = catch_exit(BB.call(robot, :nobody, 1))
       assert BB.cast(robot, :nobody, 1) == :ok
-      assert BB.send(robot, :nobody, 1) == 1
+      assert BB.send(robot, :nobody, 1) == :ok
     end
   end
 end

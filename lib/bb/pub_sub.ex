@@ -132,9 +132,11 @@ defmodule BB.PubSub do
           | {:exact, boolean()}
           | {:unique, boolean()}
           | {:max_queue, non_neg_integer()}
-  @type publish_option :: {:except, [pid()]}
+  @type publish_option :: {:except, [pid() | :undefined]}
 
-  @publish_schema Options.new!(except: [type: {:list, :pid}, default: []])
+  @publish_schema Options.new!(
+                    except: [type: {:list, {:or, [:pid, {:literal, :undefined}]}}, default: []]
+                  )
 
   @doc """
   Returns the name of a robot's pubsub.
@@ -197,7 +199,9 @@ defmodule BB.PubSub do
 
   ## Options
 
-    * `:except` - the pids that do not receive the message, such as the publisher's own
+    * `:except` - the pids that do not receive the message, such as the publisher's own. An
+      `:undefined`, as `BB.Process.whereis/2` returns for a component that is down, stands for
+      no process.
   """
   @spec publish(module(), Path.t(), Message.t(), [publish_option()]) :: :ok
   def publish(robot, path, message, opts \\ [])

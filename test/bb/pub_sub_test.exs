@@ -184,6 +184,20 @@ defmodule BB.PubSubTest do
       refute_received {:bb, [:a], _}
     end
 
+    test "except takes :undefined for a process that is down", %{robot: robot} do
+      PubSub.subscribe(robot, [:a])
+      other = subscriber(robot, [:a])
+      assert PubSub.publish(robot, [:a], status(), except: [:undefined, self()]) == :ok
+      assert_receive {^other, {:bb, [:a], _}}
+      refute_received {:bb, [:a], _}
+      assert PubSub.publish(robot, [:a], status(), except: [:undefined]) == :ok
+      assert_received {:bb, [:a], _}
+
+      assert_raise ArgumentError, ~r/^invalid .*:except option/s, fn ->
+        PubSub.publish(robot, [:a], status(), except: [:nobody])
+      end
+    end
+
     test "an unknown option raises and names the one that is accepted", %{robot: robot} do
       assert_raise ArgumentError,
                    ~r/^unknown options \[:only\], valid options are: \[:except\]$/,

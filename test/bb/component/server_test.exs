@@ -208,7 +208,7 @@ defmodule BB.Component.ServerTest do
       BB.cast(robot, :imu, :timeout)
       assert_receive {:handle_info, :timeout, 102}
       assert_receive {:handle_continue, :from_info, 112}
-      assert BB.send(robot, :imu, :hello) == :hello
+      assert BB.send(robot, :imu, :hello) == :ok
       assert_receive {:handle_info, :hello, 212}
       BB.cast(robot, :imu, :hibernate)
       assert_hibernates(pid)
