@@ -17,8 +17,8 @@ defmodule BB.Parameter.Changed do
     * `:persisted` - the store, when the robot starts or the parameter is registered
     * `:startup` - `start_link(params: …)`
 
-  `old_value` is `nil` for the last three, and where it is unknown. When the message arrives, `BB.Parameter.get/2`
-  returns its value or a newer one.
+  `old_value` is `nil` for the last three, and where it is unknown. When the message arrives,
+  `BB.Parameter.get/2` returns its value or a newer one.
   """
 
   @sources [:local, :remote, :init, :persisted, :startup]

@@ -88,9 +88,10 @@ defmodule BB.Unit.Option do
   defp check_bounds!(options) do
     kind = kind(options)
 
-    for {key, %Unit{} = bound} <- Keyword.take(options, @bounds),
-        not Unit.compatible?(bound, kind),
-        do: raise_bound(key, bound, kind)
+    Enum.each(Keyword.take(options, @bounds), fn
+      {key, %Unit{} = bound} -> Unit.compatible?(bound, kind) || raise_bound(key, bound, kind)
+      {_key, %Reference{}} -> :ok
+    end)
   end
 
   defp raise_bound(key, bound, kind) do
