@@ -24,6 +24,9 @@ defmodule BB.Options do
 
   The key `:*` in a schema describes all options without an entry of their own.
 
+  A `%Spark.Options{}` is accepted wherever a schema is, so that a driver may declare its options
+  with the library Spark.
+
   ## Types
 
     * `:any`, `:atom`, `:boolean`, `:integer`, `:non_neg_integer`, `:pos_integer`, `:number`,
@@ -51,6 +54,11 @@ defmodule BB.Options do
     * `{:tuple, types}` - a tuple with one element for each type
     * `{:wrap_list, type}` - a list, or a single value, which becomes a list of one element; `nil`
       becomes `[]`
+
+  The types of Spark that stand for one of these are accepted too: `:fun`, `:literal`, `:quoted`,
+  `:regex`, `:struct`, `{:fun, argument_types}`, `{:fun, argument_types, type}`,
+  `{:mfa_or_fun, arity}`, `{:one_of, choices}`, `{:spark_behaviour, module}` and
+  `{:tagged_tuple, tag, type}`.
   """
 
   @enforce_keys [:schema]
@@ -61,22 +69,39 @@ defmodule BB.Options do
 
   @type schema :: keyword()
 
+  @typedoc "A `%Spark.Options{}`, which is accepted wherever a schema is."
+  @type spark :: struct()
+
   @doc """
   Checks a schema and wraps it, so that `validate/2` does not check it again.
 
   Raises `ArgumentError` for an invalid schema.
   """
-  @spec new!(schema() | t()) :: t()
-  def new!(%__MODULE__{} = schema), do: schema
-
+  @spec new!(schema() | t() | spark()) :: t()
   def new!(schema) do
-    case Schema.check(schema) do
+    case new(schema) do
       {:ok, schema} ->
-        %__MODULE__{schema: schema}
+        schema
 
       {:error, error} ->
         raise ArgumentError, "invalid BB.Options schema. Reason: #{Exception.message(error)}"
     end
+  end
+
+  @doc """
+  Checks a schema as `new!/1` does. Returns `{:ok, schema}`, or `{:error, error}` with a
+  `BB.Options.ValidationError`.
+
+      iex> {:error, error} = BB.Options.new(rate: [required: 1])
+      iex> Exception.message(error)
+      "invalid value for :required option: expected boolean, got: 1 (in options [:rate])"
+  """
+  @spec new(schema() | t() | spark()) :: {:ok, t()} | {:error, ValidationError.t()}
+  def new(%__MODULE__{} = schema), do: {:ok, schema}
+  def new(%{__struct__: Spark.Options, schema: schema}), do: new(schema)
+
+  def new(schema) do
+    with {:ok, schema} <- Schema.check(schema), do: {:ok, %__MODULE__{schema: schema}}
   end
 
   @doc """
@@ -86,19 +111,41 @@ defmodule BB.Options do
   `BB.Options.ValidationError`. If a key occurs twice, its first value counts. Maps are checked
   like keyword lists and returned as maps. Any other term is an error.
   """
-  @spec validate(keyword() | map(), schema() | t()) ::
+  @spec validate(keyword() | map(), schema() | t() | spark()) ::
           {:ok, keyword() | map()} | {:error, ValidationError.t()}
   def validate(options, %__MODULE__{schema: schema}), do: Schema.validate(options, schema)
   def validate(options, schema), do: validate(options, new!(schema))
 
   @doc "Checks options as `validate/2` does. Returns the options or raises the error."
-  @spec validate!(keyword() | map(), schema() | t()) :: keyword() | map()
+  @spec validate!(keyword() | map(), schema() | t() | spark()) :: keyword() | map()
   def validate!(options, schema) do
     case validate(options, schema) do
       {:ok, options} -> options
       {:error, error} -> raise error
     end
   end
+
+  @doc """
+  Merges two schemas into one keyword list. An option of `right` replaces the option of `left` with
+  its name.
+
+  `section` is the title under which `docs/2` lists the options of `right`.
+
+      iex> common = [bus: [type: :string]]
+      iex> BB.Options.merge(common, [rate: [type: :float]], "Timing")
+      [bus: [type: :string], rate: [subsection: "Timing", type: :float]]
+  """
+  @spec merge(schema() | t() | spark(), schema() | t() | spark(), String.t() | nil) :: schema()
+  def merge(left, right, section \\ nil)
+  def merge(%{schema: left}, right, section), do: merge(left, right, section)
+  def merge(left, %{schema: right}, section), do: merge(left, right, section)
+  def merge(left, right, nil), do: Keyword.merge(left, right)
+
+  def merge(left, right, section) do
+    Keyword.merge(left, for({key, spec} <- right, do: {key, put_section(spec, section)}))
+  end
+
+  defp put_section(spec, section), do: Keyword.put(spec, :subsection, section)
 
   @doc """
   Returns the schema as a Markdown list, for a moduledoc.
@@ -108,8 +155,13 @@ defmodule BB.Options do
 
   The option `nest_level: n` indents the list for a place inside another one.
   """
-  @spec docs(schema() | t(), nest_level: non_neg_integer()) :: String.t()
+  @spec docs(schema() | t() | spark(), nest_level: non_neg_integer()) :: String.t()
   def docs(schema, opts \\ [])
-  def docs(%__MODULE__{schema: schema}, opts), do: Docs.generate(schema, opts)
+  def docs(%{schema: schema}, opts), do: Docs.generate(schema, opts)
   def docs(schema, opts), do: Docs.generate(schema, opts)
+
+  @doc false
+  # The keys that the description of an option may have.
+  @spec spec_keys() :: [atom()]
+  def spec_keys, do: Keyword.keys(Schema.of_schemas()[:*][:keys])
 end

@@ -2,6 +2,8 @@ defmodule BB.OptionsTest do
   use ExUnit.Case, async: true
   use BB.Test.Prop
 
+  import ExUnit.CaptureIO
+
   alias BB.Options
   alias BB.Options.ValidationError
 
@@ -276,6 +278,113 @@ defmodule BB.OptionsTest do
       schema = Options.new!(a: [type: :integer])
       assert Options.validate([a: 1], schema) == {:ok, [a: 1]}
       assert Options.new!(schema) == schema
+    end
+  end
+
+  describe "new" do
+    test "returns the schema, or a ValidationError in place of an exception" do
+      assert {:ok, %Options{} = schema} = Options.new(a: [type: :integer])
+      assert Options.new(schema) == {:ok, schema}
+      assert {:error, %ValidationError{keys_path: [:a]}} = Options.new(a: [type: :no])
+      assert {:error, %ValidationError{}} = Options.new(:schema)
+    end
+  end
+
+  # A struct of Spark.Options, as a driver gives it that depends on Spark.
+  defp spark(schema), do: %{__struct__: Spark.Options, schema: schema}
+
+  describe "a %Spark.Options{}" do
+    test "is accepted wherever a schema is" do
+      schema = spark(a: [type: :integer, default: 1], b: [type: :string, doc: "Text."])
+      assert Options.validate([b: "x"], schema) == {:ok, [a: 1, b: "x"]}
+      assert Options.validate!([a: 2], schema) == [a: 2]
+      assert {:error, %ValidationError{key: :b, value: 1}} = Options.validate([b: 1], schema)
+      assert {:ok, %Options{schema: checked}} = Options.new(schema)
+      assert checked[:a][:default] == 1
+      assert Options.new!(schema) == %Options{schema: checked}
+      assert Options.docs(schema) == Options.docs(schema.schema)
+      assert Options.merge(schema, spark(c: [])) == schema.schema ++ [c: []]
+    end
+
+    test "is refused when its schema is wrong" do
+      assert_raise ArgumentError, ~r/unknown type :no/, fn ->
+        Options.validate([], spark(a: [type: :no]))
+      end
+    end
+
+    test "is the schema of a driver and of a payload" do
+      schema = spark(a: [type: :float, required: true])
+
+      defmodule Driver do
+        use BB.Sensor, options_schema: %{__struct__: Spark.Options, schema: [a: [type: :float]]}
+
+        @impl BB.Sensor
+        def init(opts), do: {:ok, opts}
+      end
+
+      assert %Options{schema: [a: [_ | _]]} = Driver.options_schema()
+
+      defmodule Payload do
+        defstruct [:a]
+        use BB.Message, schema: %{__struct__: Spark.Options, schema: [a: [type: :float]]}
+      end
+
+      assert {:ok, %{payload: %{a: 1.0}}} = Payload.new(:frame, a: 1.0)
+      assert Options.validate([a: 1.0], schema) == {:ok, [a: 1.0]}
+    end
+
+    for {type, good, bad, expected} <- [
+          {:fun, quote(do: &is_atom/1), 1, "expected function, got: 1"},
+          {{:fun, [:any]}, quote(do: &is_atom/1), 1, "expected function of arity 1, got: 1"},
+          {{:fun, [:any], :any}, quote(do: &is_atom/1), 1,
+           "expected function of arity 1, got: 1"},
+          {:struct, quote(do: 1..2), 1, "expected struct, got: 1"},
+          {:regex, quote(do: Regex.compile!("a")), "a", "expected Regex, got: \"a\""},
+          {{:one_of, [:a, :b]}, :a, :c, "expected one of [:a, :b], got: :c"},
+          {{:tagged_tuple, :each, :integer}, {:each, 1}, {:all, 1}, "expected :each, got: :all"},
+          {{:mfa_or_fun, 1}, quote(do: {String, :upcase, []}), 1,
+           "expected tuple {mod, fun, args}, got: 1"},
+          {{:spark_behaviour, Greeter}, {English, [loud: true]}, String,
+           "expected module that implements #{inspect(Greeter)}, got: String"}
+        ] do
+      test "may have the type #{inspect(type)}" do
+        type = unquote(Macro.escape(type))
+        good = unquote(good)
+        assert validate(type, good) == {:ok, [k: good]}
+        assert message(type, unquote(Macro.escape(bad))) =~ unquote(expected)
+      end
+    end
+
+    test "may have types that accept any value" do
+      for type <- [:literal, :quoted], do: assert(validate(type, {:a, 1}) == {:ok, [k: {:a, 1}]})
+
+      assert validate({:spark_behaviour, Greeter, Builtins}, English) == {:ok, [k: English]}
+    end
+  end
+
+  describe "merge" do
+    test "puts the options of the right schema in the place of those of the left" do
+      left = [a: [type: :integer], b: [type: :atom]]
+      assert Options.merge(left, b: [type: :float]) == [a: [type: :integer], b: [type: :float]]
+      merged = Options.merge(Options.new!(left), [c: [doc: "More."]], "Others")
+      assert Keyword.keys(merged) == [:a, :b, :c]
+      assert merged[:c] == [subsection: "Others", doc: "More."]
+      assert Options.validate([a: 1, c: 2], merged) == {:ok, [a: 1, c: 2]}
+      assert Options.docs(merged) =~ "\n\n### Others\n\n  * `:c` - More.\n\n"
+    end
+  end
+
+  describe "a deprecated option" do
+    test "works, and prints a warning with the remedy" do
+      schema = [a: [type: :integer, deprecated: "use :b"], b: [type: :integer]]
+      warning = capture_io(:stderr, fn -> assert {:ok, _} = Options.validate([a: 1], schema) end)
+      assert warning =~ "option :a is deprecated; use :b"
+      assert capture_io(:stderr, fn -> Options.validate([b: 1], schema) end) == ""
+      assert Options.docs(schema) =~ "* `:a` (`t:integer/0`) - Deprecated: use :b"
+    end
+
+    test "that is private is not in the docs" do
+      assert Options.docs(a: [private?: true]) == ""
     end
   end
 

@@ -7,9 +7,20 @@ defmodule BB.Options.Docs do
   def generate(schema, opts),
     do: schema |> items(Keyword.get(opts, :nest_level, 0)) |> Enum.join()
 
+  # Options with a title follow those without one, each group below its title.
   defp items(schema, level) do
-    for {key, spec} <- schema, spec[:doc] != false, do: item(key, spec, level)
+    shown = for {_key, spec} = option <- schema, spec[:doc] != false, !spec[:private?], do: option
+    titles = shown |> Enum.map(fn {_key, spec} -> spec[:subsection] end) |> Enum.uniq()
+
+    for title <- Enum.sort_by(titles, &(&1 != nil)),
+        do: [
+          heading(title)
+          | for({key, spec} <- shown, spec[:subsection] == title, do: item(key, spec, level))
+        ]
   end
+
+  defp heading(nil), do: []
+  defp heading(title), do: "### #{title}\n\n"
 
   defp item(key, spec, level) do
     indent = String.duplicate("  ", level)
@@ -23,13 +34,17 @@ defmodule BB.Options.Docs do
   end
 
   defp description(spec, indent) do
-    case required(spec) |> join(spec[:doc] && String.trim(spec[:doc])) |> add_default(spec) do
+    text = required(spec) |> join(spec[:doc] && String.trim(spec[:doc])) |> add_default(spec)
+
+    case join(text, deprecated(spec)) do
       nil -> nil
       text -> "- " <> indent_lines(text, indent <> "    ")
     end
   end
 
   defp required(spec), do: if(spec[:required], do: "Required.")
+
+  defp deprecated(spec), do: if(spec[:deprecated], do: "Deprecated: #{spec[:deprecated]}")
 
   defp add_default(text, spec) do
     case Keyword.fetch(spec, :default) do

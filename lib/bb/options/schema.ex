@@ -36,7 +36,21 @@ defmodule BB.Options.Schema do
           keys: [
             type: {:custom, __MODULE__, :check_nested, []},
             doc: "The schema of a nested `:keyword_list`, `:non_empty_keyword_list` or `:map`."
-          ]
+          ],
+          subsection: [
+            type: {:or, [:string, nil]},
+            doc: "The title under which `docs/1` lists the option, after those without one."
+          ],
+          deprecated: [
+            type: :string,
+            doc: "The remedy, for the warning that a use of the option prints."
+          ],
+          private?: [type: :boolean, doc: "`true` hides the option from `docs/1`."],
+          type_spec: [type: :any, doc: false],
+          hide: [type: :any, doc: false],
+          as: [type: :any, doc: false],
+          snippet: [type: :any, doc: false],
+          links: [type: :any, doc: false]
         ]
       ]
     ]
@@ -126,10 +140,17 @@ defmodule BB.Options.Schema do
 
   defp fetch_value(options, key, spec, given) do
     cond do
-      Keyword.has_key?(options, key) -> Keyword.fetch(options, key)
+      Keyword.has_key?(options, key) -> fetch_given(options, key, spec)
       spec[:required] -> {:error, missing_error(key, given)}
       true -> with :error <- Keyword.fetch(spec, :default), do: :absent
     end
+  end
+
+  defp fetch_given(options, key, spec) do
+    if remedy = spec[:deprecated],
+      do: IO.warn("option #{inspect(key)} is deprecated; #{remedy}")
+
+    Keyword.fetch(options, key)
   end
 
   defp cast(key, spec, value) do

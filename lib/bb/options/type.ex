@@ -2,7 +2,7 @@ defmodule BB.Options.Type do
   @moduledoc false
   # Checks a value against a type, and a type itself. Errors are sentences that name the option.
 
-  alias BB.Options.{Schema, SimpleType}
+  alias BB.Options.{Schema, SimpleType, SparkType}
 
   @nesting [:keyword_list, :non_empty_keyword_list, :map]
   @basic Enum.sort(SimpleType.types() ++ @nesting)
@@ -48,9 +48,16 @@ defmodule BB.Options.Type do
   end
 
   def check(type) do
-    known = Enum.join(Enum.map(@basic, &inspect/1) ++ @parameterized, ", ")
-    {:error, "unknown type #{inspect(type)}.\n\nAvailable types: #{known}"}
+    case SparkType.translate(type) do
+      {:ok, type} -> check(type)
+      :error -> {:error, unknown_type(type)}
+    end
   end
+
+  defp unknown_type(type), do: "unknown type #{inspect(type)}.\n\nAvailable types: #{known()}"
+
+  @doc "Returns the list of all types, as text."
+  def known, do: Enum.join(Enum.map(@basic, &inspect/1) ++ @parameterized, ", ")
 
   defp check_subtypes(name, types) do
     Enum.reduce_while(types, {:ok, []}, fn type, {:ok, checked} ->
