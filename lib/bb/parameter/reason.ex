@@ -22,6 +22,12 @@ defmodule BB.Parameter.Reason do
   def format({:version, version}),
     do: "the file was written by a later release (format #{version}); update, or move it away"
 
+  def format({:dets_open_failed, reason}), do: format(reason)
+  def format({:dets_write_failed, reason}), do: format(reason)
+
+  def format({:missing_option, option}),
+    do: "required #{inspect(option)} option not found; add it to the store's options"
+
   def format({:thrown, value}), do: "the store threw #{inspect(value)}"
   def format({:exit, reason}), do: "the store exited: #{Exception.format_exit(reason)}"
   def format(error) when is_exception(error), do: Exception.message(error)

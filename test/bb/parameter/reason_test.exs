@@ -27,6 +27,10 @@ defmodule BB.Parameter.ReasonTest do
           {{:exit, :broken}, "the store exited: :broken"},
           {{:version, 7},
            "the file was written by a later release (format 7); update, or move it away"},
+          {{:dets_open_failed, :eacces}, "permission denied (eacces)"},
+          {{:dets_write_failed, {:odd, 1}}, "{:odd, 1}"},
+          {{:missing_option, :path},
+           "required :path option not found; add it to the store's options"},
           {:closed_today, ":closed_today"},
           {{:odd, 1}, "{:odd, 1}"}
         ],

@@ -41,13 +41,37 @@ defmodule BB.Parameter.Store.Dets do
   # rows.
   @latest :latest
 
-  @doc "Opens the file at `path:`, or makes it with the folders above it."
+  @options [
+    path: [type: :string, required: true],
+    auto_save: [type: :timeout, default: :infinity]
+  ]
+
+  @doc """
+  Opens the file at `path:`, or makes it with the folders above it.
+
+  `auto_save:` is accepted for configurations that have it. It changes nothing, because each
+  change is synced. Returns `{:error, {:missing_option, :path}}` without a path, and
+  `{:error, {:dets_open_failed, reason}}` when the file cannot be opened.
+  """
   @impl BB.Parameter.Store
   def init(robot, opts) do
-    with {:ok, opts} <- BB.Options.validate(opts, path: [type: :string, required: true]),
-         file = Path.expand(opts[:path]),
-         :ok <- Disk.make_folder(Path.dirname(file)),
-         do: open(robot, file)
+    with :ok <- check_path(opts),
+         {:ok, opts} <- BB.Options.validate(opts, @options),
+         do: open_file(robot, Path.expand(opts[:path]))
+  end
+
+  defp check_path(opts) do
+    if Keyword.keyword?(opts) and not Keyword.has_key?(opts, :path),
+      do: {:error, {:missing_option, :path}},
+      else: :ok
+  end
+
+  defp open_file(robot, path) do
+    with :ok <- Disk.make_folder(Path.dirname(path)), {:ok, store} <- open(robot, path) do
+      {:ok, store}
+    else
+      {:error, reason} -> {:error, {:dets_open_failed, reason}}
+    end
   end
 
   @doc "Returns the values, from the rows of this library and of Beam Bots."
@@ -60,9 +84,13 @@ defmodule BB.Parameter.Store.Dets do
   @impl BB.Parameter.Store
   def save(store, path, value), do: save_many(store, [{path, value}])
 
-  @doc "Saves values, all or none: first in one row, then each in a row of its own."
+  @doc """
+  Saves values, all or none: first in one row, then each in a row of its own.
+
+  Returns `{:error, {:dets_write_failed, reason}}` when the file cannot be written.
+  """
   @impl BB.Parameter.Store
-  def save_many(%{table: table, file: file}, values) do
+  def save_many(%{table: table, path: file}, values) do
     with :ok <- reopen(table, file, :dets.info(table)),
          :ok <- insert(table, values) do
       :ok
@@ -70,7 +98,7 @@ defmodule BB.Parameter.Store.Dets do
       {:error, reason} ->
         # After a file error, DETS refuses all writes until the table is opened again.
         _ = :dets.close(table)
-        {:error, unwrap_reason(reason)}
+        {:error, {:dets_write_failed, unwrap_reason(reason)}}
     end
   end
 
@@ -137,7 +165,7 @@ defmodule BB.Parameter.Store.Dets do
 
     case open_table({__MODULE__, robot}, file) do
       {:ok, table, rows} ->
-        {:ok, %{table: table, file: file, damage: check(robot, file, copy, counted, rows)}}
+        {:ok, %{table: table, path: file, damage: check(robot, file, copy, counted, rows)}}
 
       {:error, reason} ->
         replace_damaged(robot, file, copy, unwrap_reason(reason))
@@ -164,7 +192,7 @@ defmodule BB.Parameter.Store.Dets do
 
     with :ok <- File.rm(file),
          {:ok, table, _rows} <- open_table({__MODULE__, robot}, file) do
-      {:ok, %{table: table, file: file, damage: damage}}
+      {:ok, %{table: table, path: file, damage: damage}}
     else
       {:error, reason} -> {:error, unwrap_reason(reason)}
     end

@@ -148,8 +148,13 @@ defmodule BB.Parameter.Store.DetsTest do
       {:ok, store} = Dets.init(SomeRobot, path: Path.join(folder, "params"))
       :ok = Dets.save(store, [:a], 1)
       fill(folder)
-      assert Dets.save(store, [:b], String.duplicate("b", 20_000)) == {:error, :enospc}
-      assert {:error, _} = Dets.save(store, [:b], String.duplicate("b", 20_000))
+
+      assert Dets.save(store, [:b], String.duplicate("b", 20_000)) ==
+               {:error, {:dets_write_failed, :enospc}}
+
+      assert {:error, {:dets_write_failed, _}} =
+               Dets.save(store, [:b], String.duplicate("b", 20_000))
+
       free(folder)
       assert Dets.save(store, [:b], 2) == :ok
       assert {:ok, [{[:a], 1}, {[:b], 2}]} = Dets.load(store)
@@ -164,12 +169,59 @@ defmodule BB.Parameter.Store.DetsTest do
     File.mkdir_p!(file)
     log = capture_log(fn -> start_supervised!(robot) end)
     assert log =~ "cannot open the parameter store BB.Parameter.Store.Dets: illegal operation on"
-    assert Parameter.set(robot, [:gain], 2.0) == {:error, {:not_kept, :eisdir}}
+
+    assert Parameter.set(robot, [:gain], 2.0) ==
+             {:error, {:not_kept, {:dets_open_failed, :eisdir}}}
+
     assert Parameter.get(robot, [:gain]) == {:ok, 2.0}
   end
 
   test "needs a path" do
-    assert {:error, %BB.Options.ValidationError{} = error} = Dets.init(SomeRobot, [])
-    assert Exception.message(error) =~ "required :path option not found"
+    assert Dets.init(SomeRobot, []) == {:error, {:missing_option, :path}}
+    assert Dets.init(SomeRobot, auto_save: 1000) == {:error, {:missing_option, :path}}
+    assert {:error, %BB.Options.ValidationError{key: :path}} = Dets.init(SomeRobot, path: 1)
+    assert {:error, %BB.Options.ValidationError{}} = Dets.init(SomeRobot, path: "x", pth: "y")
+
+    robot = create(quote(do: settings(parameter_store: BB.Parameter.Store.Dets)))
+    log = capture_log(fn -> start_supervised!(robot) end)
+    assert log =~ "cannot open the parameter store BB.Parameter.Store.Dets: required :path option"
+  end
+
+  test "has its table and path in the state, and the file on the disk, once it is open", %{
+    stored: file
+  } do
+    assert {:ok, %{table: table, path: ^file} = store} =
+             Dets.init(SomeRobot, path: file, auto_save: 1)
+
+    assert File.regular?(file)
+    assert :dets.info(table, :filename) == to_charlist(file)
+    assert Dets.load(store) == {:ok, []}
+    assert Dets.save(store, [:a, :b], 1) == :ok
+    assert Dets.save(store, [:a, :b], 2) == :ok
+    assert Dets.load(store) == {:ok, [{[:a, :b], 2}]}
+    assert Dets.close(store) == :ok
+  end
+
+  test "reads the rows of Beam Bots, which a row of ours replaces", %{stored: file} do
+    File.mkdir_p!(Path.dirname(file))
+    {:ok, table} = :dets.open_file(make_ref(), file: to_charlist(file), type: :set)
+    :ok = :dets.insert(table, [{{:param, [:gain]}, 3.0}, {{:param, [:old]}, 1}, {[:old], 2}])
+    :ok = :dets.close(table)
+    {:ok, store} = Dets.init(SomeRobot, path: file)
+    {:ok, values} = Dets.load(store)
+    assert Enum.sort(values) == [{[:gain], 3.0}, {[:old], 2}]
+    assert Dets.save(store, [:gain], 4.0) == :ok
+    {:ok, values} = Dets.load(store)
+    assert Enum.sort(values) == [{[:gain], 4.0}, {[:old], 2}]
+    :ok = Dets.close(store)
+  end
+
+  test "starts a robot with the values of Beam Bots", %{robot: robot, stored: file} do
+    File.mkdir_p!(Path.dirname(file))
+    {:ok, table} = :dets.open_file(make_ref(), file: to_charlist(file), type: :set)
+    :ok = :dets.insert(table, {{:param, [:gain]}, 3.0})
+    :ok = :dets.close(table)
+    start_supervised!(robot)
+    assert Parameter.get(robot, [:gain]) == {:ok, 3.0}
   end
 end
