@@ -31,6 +31,7 @@ defmodule ArchitectureTest do
     errno: {~w(BB.Errno), []},
     topic: {~w(BB.Topic), []},
     tolerant: {~w(BB.Process.Tolerant), []},
+    process_name: {~w(BB.Process.Name), []},
     envelope: {~w(BB.Message BB.Message.Compiler.*), [:options]},
     payload:
       {~w(BB.Message.* BB.StateMachine.Transition BB.Safety.HardwareError),
@@ -40,12 +41,14 @@ defmodule ArchitectureTest do
     pub_sub: {~w(BB.PubSub.*), [:path, :options, :envelope, :tolerant]},
 
     # Parameters, and the transmission between a joint and a motor.
-    parameter: {~w(BB.Parameter.*), ~w(pub_sub envelope options unit reference tolerant)a},
+    parameter:
+      {~w(BB.Parameter.*),
+       ~w(pub_sub envelope options unit unit_option reference tolerant process_name callback)a},
     transmission: {~w(BB.Transmission), ~w(parameter reference envelope payload options unit)a},
 
     # Components and the processes that start and restart them. The declaration is data: the robot
     # and its components.
-    process: {~w(BB.Process.*), []},
+    process: {~w(BB.Process.*), [:process_name]},
     safety: {~w(BB.Safety.*), ~w(path pub_sub envelope payload callback telemetry tolerant)a},
     declaration: {~w(BB.Component BB.Robot.*), ~w(transmission parameter reference unit)a},
     component:

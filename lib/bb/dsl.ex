@@ -60,6 +60,8 @@ defmodule BB.Dsl do
   Put `import_deps: [:ganglion]` into `.formatter.exs`, so that `mix format` adds no parentheses.
   """
 
+  alias BB.Parameter.Schema
+
   defmacro __before_compile__(env) do
     robot = BB.Dsl.Compiler.robot(env.module, BB.Dsl.Builder.finish(env.module))
 
@@ -67,6 +69,15 @@ defmodule BB.Dsl do
       @doc "Returns the declaration of the robot, a `BB.Robot`."
       @spec robot() :: BB.Robot.t()
       def robot, do: unquote(Macro.escape(robot))
+
+      @doc false
+      @spec __bb_parameter_schema__() :: BB.Parameter.Schema.flat()
+      def __bb_parameter_schema__,
+        do: unquote(Macro.escape(Schema.of_definitions(robot.parameters)))
+
+      @doc false
+      @spec __bb_default_parameters__() :: [{BB.Parameter.path(), term()}]
+      def __bb_default_parameters__, do: unquote(Macro.escape(Schema.defaults(robot.parameters)))
     end
   end
 end

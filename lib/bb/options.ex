@@ -126,8 +126,8 @@ defmodule BB.Options do
   end
 
   @doc """
-  Merges two schemas into one keyword list. An option of `right` replaces the option of `left` with
-  its name.
+  Merges two schemas into one keyword list. An option of `right` replaces the option of `left`
+  with its name.
 
   `section` is the title under which `docs/2` lists the options of `right`.
 

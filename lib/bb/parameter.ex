@@ -52,11 +52,11 @@ defmodule BB.Parameter do
 
   ## Origin of the values
 
-  A parameter starts with the default of its declaration. The persisted value overrides the
-  default, and a value in `start_link(params: [imu: [rate: ~u(50 hertz)]])` overrides both. A
-  wrong value in `params:` fails the start. A wrong persisted value is logged and dropped, so
-  that no file can prevent the start of a robot. `BB.Parameter.Store` explains which values are
-  persisted.
+  A parameter starts with the default of its declaration, or without a value. The persisted
+  value overrides the default, and a value in `start_link(params: [imu: [rate: ~u(50 hertz)]])`
+  overrides both. A wrong value in `params:` fails the start. A wrong persisted value is logged
+  and dropped, so that no file can prevent the start of a robot. `BB.Parameter.Store` explains
+  which values are persisted.
 
   All functions raise `ArgumentError` when the robot is not started.
   """
@@ -73,29 +73,57 @@ defmodule BB.Parameter do
   @type not_kept :: {:not_kept, term()}
 
   @doc """
-  Returns the parameters of a module for `register/3`: `[name: [type: …, default: …]]`, with the
-  fields of `param` in a robot's declaration.
-  """
-  @callback param_schema() :: keyword()
+  Returns the parameters of a module for `register/3`, as a schema of `BB.Options`.
 
-  @doc "Returns a parameter's value: `{:ok, value}`, or `{:error, :not_found}`."
+  It may also be a keyword list, `[name: [type: …, default: …]]`, with the fields of `param` in a
+  robot's declaration, `min` and `max` among them.
+  """
+  @callback param_schema() :: BB.Options.t() | BB.Options.schema() | BB.Options.spark()
+
+  @doc """
+  Returns whether a module has parameters for `register/3`.
+
+      iex> BB.Parameter.implements?(String)
+      false
+  """
+  @spec implements?(module()) :: boolean()
+  def implements?(module) do
+    is_atom(module) and Code.ensure_loaded?(module) and
+      function_exported?(module, :param_schema, 0)
+  end
+
+  @doc """
+  Returns a parameter's value: `{:ok, value}`, or `{:error, :not_found}`.
+
+  A parameter without a default has no value until it is set.
+  """
   @spec get(module(), path()) :: {:ok, term()} | {:error, :not_found}
   def get(robot, path) do
     with :error <- Values.fetch(robot, path), do: {:error, :not_found}
   end
 
-  @doc "Returns a parameter's value. Raises `ArgumentError` when the robot has no such parameter."
+  @doc """
+  Returns a parameter's value. Raises `ArgumentError` when the robot has no such parameter, or
+  when the parameter has no value.
+  """
   @spec get!(module(), path()) :: term()
   def get!(robot, path) do
     case Values.fetch(robot, path) do
       {:ok, value} -> value
-      :error -> raise ArgumentError, format_unknown(robot, path)
+      :error -> raise ArgumentError, not_found(robot, path)
     end
   end
 
-  defp format_unknown(robot, path) do
-    "expected a parameter of #{inspect(robot)}, got: #{inspect(path)}; " <>
-      "BB.Parameter.list(#{inspect(robot)}) lists them"
+  defp not_found(robot, path) do
+    case Values.fetch_definition(robot, path) do
+      {:ok, _definition} ->
+        "parameter not found: #{inspect(path)} of #{inspect(robot)} has no value; set it, or " <>
+          "declare a default"
+
+      :error ->
+        "parameter not found: #{inspect(robot)} has no #{inspect(path)}; " <>
+          "BB.Parameter.list(#{inspect(robot)}) returns its parameters"
+    end
   end
 
   @doc """
@@ -127,16 +155,12 @@ defmodule BB.Parameter do
   @spec set_many(module(), [{path(), term()}] | %{path() => term()}) ::
           :ok | {:error, [{path(), reason()}] | not_kept()}
   def set_many(robot, changes) do
-    changes = Enum.map(changes, &change!/1)
-
-    # The error shows a wrong value, by code of the value's module: so it is found in this
-    # process.
-    with :ok <- Owner.check_values(robot, changes), do: Owner.call(robot, {:set, changes})
+    Owner.set(robot, Enum.map(changes, &change!/1))
   end
 
   @doc """
-  Lists the parameters at or below `prefix:` (default: all) in the order of their paths, each with
-  its value, type, bounds, documentation and default.
+  Lists the parameters with a value at or below `prefix:` (default: all) in the order of their
+  paths, each with its value, type, bounds, documentation and default.
   """
   @spec list(module(), prefix: [atom()]) :: [{path(), map()}]
   def list(robot, opts \\ []) do
@@ -144,30 +168,39 @@ defmodule BB.Parameter do
 
     for %{path: path} = definition <- Values.definitions(robot),
         List.starts_with?(path, prefix),
-        do: {path, Definition.describe(definition, get!(robot, path))}
+        {:ok, value} <- [Values.fetch(robot, path)],
+        do: {path, Definition.describe(definition, value)}
   end
 
   @doc """
   Adds the parameters of a module (`c:param_schema/0`) below `path`, with their persisted values.
 
-  Parameters that are registered again keep their values, if they fit. Returns
-  `{:error, {:already_registered, path}}` when parameters of another origin exist at or below
-  one of them. Raises `ArgumentError` for a module without a schema, and for a wrong schema.
-  """
-  @spec register(module(), path(), module()) :: :ok | {:error, {:already_registered, path()}}
-  def register(robot, path, module) do
-    unless Code.ensure_loaded?(module) and function_exported?(module, :param_schema, 0) do
-      raise ArgumentError,
-            "expected a module with param_schema/0 (BB.Parameter), got: #{inspect(module)}"
-    end
+  A parameter without a default has no value until it is set, even if the schema says
+  `required: true`. A unit in the schema (`BB.Unit.Option`) is a parameter of the type
+  `{:unit, unit}`.
 
-    definitions = Definition.of_schema!(path, module.param_schema(), {path, module})
-    Owner.call(robot, {:register, path, definitions})
+  Parameters that are registered again keep their values, if they fit. Errors:
+
+    * `{:not_a_parameter_component, module}` - the module has no `param_schema/0`
+    * `{:already_registered, path}` - parameters of another origin exist at or below one of them
+
+  Raises `ArgumentError` for a wrong schema.
+  """
+  @spec register(module(), path() | [], module()) ::
+          :ok
+          | {:error, {:already_registered, path()} | {:not_a_parameter_component, module()}}
+  def register(robot, path, module) when is_list(path) do
+    if implements?(module) do
+      definitions = Definition.of_schema!(path, module.param_schema(), {path, module})
+      Owner.call(robot, {:register, path, definitions})
+    else
+      {:error, {:not_a_parameter_component, module}}
+    end
   end
 
   @doc """
   Watches parameters for the calling process. Returns `{:ok, ref, %{path => value}}` with the
-  current values.
+  current values, `nil` for a parameter without one.
 
   Each later `set/3` or `set_many/2` of some of them sends one message
   `{BB.Parameter, ref, %{path => new_value}}`. When the watch ends because the robot's parameters
@@ -190,10 +223,55 @@ defmodule BB.Parameter do
 
   @doc """
   Replaces the references in a keyword list or map, such as the limit of a joint, by the current
-  values of the parameters (`BB.Parameter.Reference`).
+  values of the parameters (`BB.Parameter.Reference`), by `nil` for a parameter without a value.
+
+  Raises `ArgumentError` for a reference to no parameter.
   """
   @spec resolve(module(), term()) :: term()
-  def resolve(robot, fields), do: Reference.resolve(fields, &get!(robot, &1))
+  def resolve(robot, fields), do: Reference.resolve(fields, &value_or_nil(robot, &1))
+
+  defp value_or_nil(robot, path) do
+    with :error <- Values.fetch(robot, path),
+         {:ok, _definition} <- Values.fetch_definition(robot, path) do
+      nil
+    else
+      {:ok, value} -> value
+      :error -> get!(robot, path)
+    end
+  end
+
+  # Parameters of devices, which a bridge reads and writes
+
+  @typedoc "A parameter of a device, as its bridge names it."
+  @type remote_id :: term()
+
+  @doc """
+  Lists the parameters of the device behind a bridge.
+
+  `bridge` is the bridge's name, and each parameter a map with `:id`, `:value`, `:type`, `:doc`
+  and `:path`. Exits as `GenServer.call/3` does when the bridge is down or does not reply in time.
+  """
+  @spec list_remote(module(), atom()) :: {:ok, [map()]} | {:error, term()}
+  def list_remote(robot, bridge), do: call_bridge(robot, bridge, :list_remote)
+
+  @doc "Reads a parameter of the device behind a bridge. See `list_remote/2`."
+  @spec get_remote(module(), atom(), remote_id()) :: {:ok, term()} | {:error, term()}
+  def get_remote(robot, bridge, id), do: call_bridge(robot, bridge, {:get_remote, id})
+
+  @doc "Sets a parameter of the device behind a bridge. See `list_remote/2`."
+  @spec set_remote(module(), atom(), remote_id(), term()) :: :ok | {:error, term()}
+  def set_remote(robot, bridge, id, value),
+    do: call_bridge(robot, bridge, {:set_remote, id, value})
+
+  @doc """
+  Asks a bridge to publish the changes of a parameter of its device. See `list_remote/2`.
+  """
+  @spec subscribe_remote(module(), atom(), remote_id()) :: :ok | {:error, term()}
+  def subscribe_remote(robot, bridge, id),
+    do: call_bridge(robot, bridge, {:subscribe_remote, id})
+
+  defp call_bridge(robot, bridge, request),
+    do: GenServer.call(BB.Process.Name.via(robot, bridge), request)
 
   # The guard fails for an improper list.
   defp change!({path, value}) when length(path) > 0, do: {path, value}

@@ -11,6 +11,7 @@ defmodule BB.Parameter.Definition do
   parameter that `BB.Parameter.register/3` has added.
   """
 
+  alias BB.Options
   alias BB.Options.ValidationError
   alias BB.Parameter.Type
 
@@ -24,7 +25,7 @@ defmodule BB.Parameter.Definition do
           max: Type.bound(),
           default: term(),
           doc: String.t() | nil,
-          registrant: {BB.Parameter.path(), module()} | nil
+          registrant: {BB.Parameter.path() | [], module()} | nil
         }
 
   @fields [:type, :default, :min, :max, :doc]
@@ -34,15 +35,21 @@ defmodule BB.Parameter.Definition do
   `{:ok, definition}` or `{:error, reason}`.
 
       iex> BB.Parameter.Definition.new([:arm, :gain], type: :float, default: 2.0, max: 1.0)
-      {:error, "parameter [:arm, :gain]: default: expected at most 1.0, got: 2.0"}
+      {:error,
+       "parameter [:arm, :gain]: invalid `default`: " <>
+         "expected value to be at most 1.0, got: 2.0"}
+
+  A type with bounds of its own, such as a unit of `BB.Unit.Option`, becomes a plain type with
+  `min` and `max`.
   """
   @spec new(BB.Parameter.path(), Enumerable.t()) :: {:ok, t()} | {:error, String.t()}
   def new(path, fields) do
     fields = Map.new(fields)
 
     with :ok <- check_fields(Map.keys(fields) -- @fields),
-         :ok <- check_type(fields),
-         :ok <- Type.check_bounds(fields.type, fields[:min], fields[:max]),
+         {:ok, type} <- fetch_type(fields),
+         fields = put_type(fields, Type.describe(type)),
+         {:ok, _type} <- Type.option_type(fields.type, fields.min, fields.max),
          {:ok, definition} <- with_default(struct!(%__MODULE__{path: path, type: nil}, fields)) do
       {:ok, definition}
     else
@@ -51,17 +58,46 @@ defmodule BB.Parameter.Definition do
   end
 
   @doc """
-  Makes the definitions of a schema, `[name: [type: …, default: …]]`, below `path`. Raises
-  `ArgumentError` for a wrong schema.
+  Makes the definitions of a schema below `path`: a `BB.Options`, or a keyword list whose
+  options may also have `min:` and `max:`. Raises `ArgumentError` for a wrong schema.
+
+      iex> schema = BB.Options.new!(gain: [type: :float, required: true, doc: "The gain."])
+      iex> [gain] = BB.Parameter.Definition.of_schema!([:arm], schema, nil)
+      iex> {gain.path, gain.type, gain.default}
+      {[:arm, :gain], :float, nil}
   """
-  @spec of_schema!(BB.Parameter.path(), keyword(), {BB.Parameter.path(), module()}) :: [t()]
+  @spec of_schema!(
+          BB.Parameter.path() | [],
+          Options.schema() | Options.t() | Options.spark(),
+          {BB.Parameter.path() | [], module()} | nil
+        ) :: [t()]
   def of_schema!(path, schema, registrant) do
-    for {name, fields} <- schema do
-      case new(path ++ [name], fields) do
+    for {name, spec} <- entries!(schema) do
+      case new(path ++ [name], fields_of_spec(spec)) do
         {:ok, definition} -> %{definition | registrant: registrant}
         {:error, reason} -> raise ArgumentError, reason
       end
     end
+  end
+
+  defp entries!(schema) do
+    entries = if is_list(schema), do: schema, else: Options.new!(schema).schema
+
+    unless Keyword.keyword?(entries) and not Keyword.has_key?(entries, :*) do
+      raise ArgumentError,
+            "expected a schema of BB.Options with a name for each parameter, " <>
+              "got: #{inspect(entries)}"
+    end
+
+    entries
+  end
+
+  # The keys of a schema that say nothing about a parameter's values: a value may be absent.
+  defp fields_of_spec(spec) do
+    {keys, fields} = spec |> Keyword.put_new(:type, :any) |> Keyword.pop(:keys)
+    fields = Keyword.drop(fields, Options.spec_keys() -- @fields)
+    fields = if fields[:doc] == false, do: Keyword.delete(fields, :doc), else: fields
+    if keys, do: Keyword.update!(fields, :type, &{&1, keys}), else: fields
   end
 
   @doc """
@@ -77,10 +113,9 @@ defmodule BB.Parameter.Definition do
   def cast(%__MODULE__{path: path} = definition, value) do
     {above, [key]} = Enum.split(path, -1)
 
-    with {:error, message} <-
-           Type.cast(definition.type, definition.min, definition.max, value, key) do
-      {:error, %ValidationError{key: key, value: value, message: message, keys_path: above}}
-    end
+    with {:error, error} <-
+           Type.cast(definition.type, definition.min, definition.max, value, key),
+         do: {:error, %{error | keys_path: above ++ error.keys_path}}
   end
 
   @doc "Describes a definition and its value, as `BB.Parameter.list/2` returns them."
@@ -93,19 +128,31 @@ defmodule BB.Parameter.Definition do
   defp check_fields(unknown),
     do: {:error, "unknown fields #{inspect(unknown)}, valid fields are: #{inspect(@fields)}"}
 
-  defp check_type(%{type: type}), do: Type.check(type)
+  defp fetch_type(%{type: type}), do: Type.validate(type)
 
-  defp check_type(_fields),
+  defp fetch_type(_fields),
     do: {:error, "the type is missing; add `type:`, such as `type: :float`"}
+
+  defp put_type(fields, {type, min, max}) do
+    fields
+    |> Map.put(:type, type)
+    |> Map.update(:min, min, &(&1 || min))
+    |> Map.update(:max, max, &(&1 || max))
+  end
 
   defp with_default(%{default: nil} = definition), do: {:ok, definition}
 
   defp with_default(%{default: default} = definition) do
     case cast(definition, default) do
       {:ok, default} -> {:ok, %{definition | default: default}}
-      {:error, error} -> {:error, "default: #{reason(error)}"}
+      {:error, error} -> {:error, "invalid `default`: #{reason(error)}"}
     end
+  rescue
+    # A custom type. It runs here, because the compiler makes a module available to this process.
+    error -> {:error, "invalid `default`: the check of its type raised #{format(error)}"}
   end
+
+  defp format(error), do: "#{inspect(error.__struct__)}: #{Exception.message(error)}"
 
   # The message begins with the name of an option, and a default is no option.
   defp reason(%{message: message, key: key}),

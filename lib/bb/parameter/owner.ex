@@ -2,7 +2,8 @@ defmodule BB.Parameter.Owner do
   @moduledoc """
   Sets a robot's parameters, one request after the other. `BB.Parameter` calls it.
 
-  It checks a request as a whole. Then it writes all values to the table at the same moment,
+  The caller casts the values, because that may run code of others. The owner checks that the
+  definitions are still the same. Then it writes all values to the table at the same moment,
   publishes `BB.Parameter.Changed` for each, and sends each watcher one message with the values
   that it watches. `BB.Parameter.Persistence` replies to the caller when the store has saved the
   values; the owner waits for no store.
@@ -15,7 +16,7 @@ defmodule BB.Parameter.Owner do
   require Logger
 
   alias BB.{Message, PubSub}
-  alias BB.Parameter.{Changed, Definition, Persistence, Startup, Values}
+  alias BB.Parameter.{Changed, Check, Persistence, Startup, Values}
 
   @enforce_keys [:robot, :given, :persistence]
   defstruct [:robot, :given, :persistence, watchers: %{}]
@@ -35,21 +36,32 @@ defmodule BB.Parameter.Owner do
   end
 
   @doc """
-  Checks values in the calling process: `:ok`, or `{:error, [{path, reason}]}`. The error shows
-  the value, which may run code of others.
+  Sets values, all or none. They are cast in the calling process.
   """
-  @spec check_values(module(), [{BB.Parameter.path(), term()}]) ::
-          :ok | {:error, [{BB.Parameter.path(), term()}]}
-  def check_values(robot, changes) do
-    case check(robot, changes) do
-      {:ok, _values} ->
-        :ok
+  @spec set(module(), [{BB.Parameter.path(), term()}]) ::
+          :ok | {:error, [{BB.Parameter.path(), term()}] | {:not_kept, term()}}
+  def set(robot, changes) do
+    cast = for {path, value} <- changes, do: cast(robot, path, value)
 
-      # The owner judges unknown parameters: it knows all, also while the robot starts.
-      {:error, errors} ->
-        wrong? = Enum.any?(errors, fn {_path, reason} -> is_exception(reason) end)
-        if wrong?, do: {:error, errors}, else: :ok
+    # The owner judges unknown parameters: it knows all, also while the robot starts.
+    if Enum.any?(cast, &match?({_path, _definition, {:error, _error}}, &1)),
+      do: {:error, errors(robot, cast)},
+      else: with(:changed <- call(robot, {:set, cast}), do: set(robot, changes))
+  end
+
+  defp cast(robot, path, value) do
+    case Values.fetch_definition(robot, path) do
+      {:ok, definition} -> {path, {:ok, definition}, Check.cast(definition, value)}
+      :error -> {path, :error, :unknown}
     end
+  end
+
+  defp errors(robot, cast) do
+    Enum.flat_map(cast, fn
+      {_path, _definition, {:ok, _value}} -> []
+      {path, _definition, {:error, error}} -> [{path, error}]
+      {path, :error, :unknown} -> [{path, no_parameter(robot, path)}]
+    end)
   end
 
   defp name(robot), do: Module.concat(robot, ParameterOwner)
@@ -65,11 +77,10 @@ defmodule BB.Parameter.Owner do
   end
 
   @impl GenServer
-  def handle_call({:set, changes}, from, owner) do
-    case check(owner.robot, changes) do
-      {:ok, values} -> set(owner, from, values)
-      {:error, errors} -> {:reply, {:error, errors}, owner}
-    end
+  def handle_call({:set, cast}, from, owner) do
+    if Enum.all?(cast, &current?(owner, &1)),
+      do: set_current(owner, from, cast),
+      else: {:reply, :changed, owner}
   end
 
   def handle_call({:register, path, definitions}, _from, owner) do
@@ -81,7 +92,7 @@ defmodule BB.Parameter.Owner do
       [] ->
         watch = {ref, pid, paths}
         Values.put_watch(owner.robot, watch)
-        {:reply, {:ok, Map.new(paths, &{&1, value!(owner, &1)})}, monitor(watch, owner)}
+        {:reply, {:ok, Map.new(paths, &{&1, value(owner, &1)})}, monitor(watch, owner)}
 
       [path | _] ->
         {:reply, {:error, {:unregistered_parameter, path}}, owner}
@@ -97,19 +108,14 @@ defmodule BB.Parameter.Owner do
 
   # Setting
 
-  defp check(robot, changes) do
-    checked = for {path, value} <- changes, do: {path, cast(robot, path, value)}
+  # The caller may have read the definition while the robot started, or before it changed.
+  defp current?(owner, {path, definition, _cast}),
+    do: Values.fetch_definition(owner.robot, path) == definition
 
-    case for {path, {:error, reason}} <- checked, do: {path, reason} do
-      [] -> {:ok, Map.new(checked, fn {path, {:ok, value}} -> {path, value} end)}
-      errors -> {:error, errors}
-    end
-  end
-
-  defp cast(robot, path, value) do
-    case Values.fetch_definition(robot, path) do
-      {:ok, definition} -> Definition.cast(definition, value)
-      :error -> {:error, no_parameter(robot, path)}
+  defp set_current(owner, from, cast) do
+    case errors(owner.robot, cast) do
+      [] -> set(owner, from, Map.new(cast, fn {path, _, {:ok, value}} -> {path, value} end))
+      errors -> {:reply, {:error, errors}, owner}
     end
   end
 
@@ -137,7 +143,7 @@ defmodule BB.Parameter.Owner do
   end
 
   defp change_values(owner, values, put) do
-    old = Map.new(values, fn {path, _value} -> {path, value!(owner, path)} end)
+    old = Map.new(values, fn {path, _value} -> {path, value(owner, path)} end)
     put.()
     for {path, value} <- values, do: publish(owner, path, old[path], value, :local)
     for watch <- Values.watches(owner.robot), do: notify(watch, values)
@@ -168,19 +174,22 @@ defmodule BB.Parameter.Owner do
   # New parameters, declared or registered
 
   defp add_parameters(owner, definitions) do
-    started = for definition <- definitions, do: {definition, start_value(owner, definition)}
-    values = for {definition, {value, _source}} <- started, do: {definition.path, value}
-    Values.put_values(owner.robot, values)
+    started = for definition <- definitions, do: {definition.path, start_value(owner, definition)}
+    for {path, :none} <- started, do: Values.delete_value(owner.robot, path)
+
+    Values.put_values(
+      owner.robot,
+      for({path, {:ok, value, _source}} <- started, do: {path, value})
+    )
+
     Values.put_definitions(owner.robot, definitions)
 
-    for {definition, {value, source}} <- started,
-        do: publish(owner, definition.path, nil, value, source)
-
+    for {path, {:ok, value, source}} <- started, do: publish(owner, path, nil, value, source)
     :ok
   end
 
   defp start_value(owner, definition) do
-    {value, source, error} = Startup.value(definition, stored(owner, definition), owner.given)
+    {start, error} = Startup.value(definition, stored(owner, definition), owner.given)
 
     if error do
       Logger.warning(
@@ -189,7 +198,7 @@ defmodule BB.Parameter.Owner do
       )
     end
 
-    {value, source}
+    start
   end
 
   defp stored(owner, %{path: path}) do
@@ -226,15 +235,17 @@ defmodule BB.Parameter.Owner do
 
   defp fits?(owner, definition) do
     with {:ok, value} <- Values.fetch(owner.robot, definition.path),
-         do: match?({:ok, ^value}, Definition.cast(definition, value)),
+         do: match?({:ok, ^value}, Check.cast(definition, value)),
          else: (:error -> false)
   end
 
   defp known?(owner, path), do: match?({:ok, _}, Values.fetch_definition(owner.robot, path))
 
-  defp value!(owner, path) do
-    {:ok, value} = Values.fetch(owner.robot, path)
-    value
+  defp value(owner, path) do
+    case Values.fetch(owner.robot, path) do
+      {:ok, value} -> value
+      :error -> nil
+    end
   end
 
   defp monitor({ref, pid, _paths}, owner),

@@ -7,7 +7,7 @@ defmodule BB.Parameter.Startup do
   @moduledoc no_example: "internal: BB.Parameter explains the origin of values"
 
   alias BB.Options.ValidationError
-  alias BB.Parameter.{Changed, Definition}
+  alias BB.Parameter.{Changed, Check, Definition}
 
   @type values :: %{BB.Parameter.path() => term()}
 
@@ -24,31 +24,35 @@ defmodule BB.Parameter.Startup do
   end
 
   @doc """
-  Returns the value of a definition, its origin, and the error of the persisted value or `nil`.
+  Returns `{:ok, value, origin}` for a definition, or `:none` for a parameter without a value, and
+  the error of the persisted value or `nil`.
   """
   @spec value(Definition.t(), persisted :: values(), given :: values()) ::
-          {term(), Changed.source(), ValidationError.t() | nil}
+          {{:ok, term(), Changed.source()} | :none, ValidationError.t() | Exception.t() | nil}
   def value(%Definition{path: path} = definition, persisted, given) do
-    {value, source, error} = persisted(definition, Map.fetch(persisted, path))
+    {start, error} = persisted(definition, Map.fetch(persisted, path))
 
     case given do
-      %{^path => value} -> {value, :startup, error}
-      _ -> {value, source, error}
+      %{^path => value} -> {{:ok, value, :startup}, error}
+      _ -> {start, error}
     end
   end
 
-  defp persisted(definition, :error), do: {definition.default, :init, nil}
+  defp persisted(definition, :error), do: {default(definition), nil}
 
   defp persisted(definition, {:ok, value}) do
     case safe_cast(definition, value) do
-      {:ok, value} -> {value, :persisted, nil}
-      {:error, error} -> {definition.default, :init, error}
+      {:ok, value} -> {{:ok, value, :persisted}, nil}
+      {:error, error} -> {default(definition), error}
     end
   end
 
+  defp default(%{default: nil}), do: :none
+  defp default(%{default: default}), do: {:ok, default, :init}
+
   # A store may return any term, such as a struct of another version.
   defp safe_cast(definition, value) do
-    Definition.cast(definition, value)
+    Check.cast(definition, value)
   rescue
     error -> {:error, error}
   end
@@ -63,7 +67,7 @@ defmodule BB.Parameter.Startup do
   defp cast_entry(value, path, definitions, values) do
     case definitions do
       %{^path => definition} ->
-        with {:ok, value} <- Definition.cast(definition, value),
+        with {:ok, value} <- Check.cast(definition, value),
              do: {:ok, Map.put(values, path, value)}
 
       _ ->

@@ -125,6 +125,13 @@ defmodule BB.Parameter.Values do
   def put_definitions(robot, definitions),
     do: insert(robot, for(each <- definitions, do: {{:definition, each.path}, each}))
 
+  @doc "Removes the value of a parameter."
+  @spec delete_value(module(), BB.Parameter.path()) :: :ok
+  def delete_value(robot, path) do
+    :ets.delete(name(robot), {:value, path})
+    :ok
+  end
+
   @doc "Removes a parameter."
   @spec delete(module(), BB.Parameter.path()) :: :ok
   def delete(robot, path) do

@@ -8,6 +8,10 @@ defmodule BB.Dsl.ParametersTest do
 
   alias BB.Parameter.{Definition, Reference}
 
+  def even(value) when is_integer(value) and rem(value, 2) == 0, do: {:ok, value}
+  def even(:raise), do: raise("oops")
+  def even(value), do: {:error, "expected an even number, got: #{inspect(value)}"}
+
   describe "parameters" do
     test "are part of the robot, in the order of their declaration" do
       robot =
@@ -47,27 +51,28 @@ defmodule BB.Dsl.ParametersTest do
 
     for {what, fields, reason} <- [
           {"bounds on a boolean", "type: :boolean, min: 1",
-           "values of type :boolean have no order; remove min and max"},
+           "`min` and `max` are only supported for numeric parameter types, got: :boolean; remove them"},
           {"bounds on a choice", "type: {:in, 1..3}, max: 2",
-           "values of type {:in, 1..3} have no order; remove min and max"},
-          {"min > max", "type: :integer, min: 2, max: 1", "min 2 is above max 1; swap them"},
+           "`min` and `max` are only supported for numeric parameter types, got: {:in, 1..3}; remove them"},
+          {"min > max", "type: :integer, min: 2, max: 1",
+           "`min` must not be greater than `max`, got: 2 and 1; swap them"},
           {"min > max in units", "type: {:unit, :meter}, min: ~u(2 meter), max: ~u(1 meter)",
-           "min ~u(2 meter) is above max ~u(1 meter); swap them"},
+           "`min` must not be greater than `max`, got: ~u(2 meter) and ~u(1 meter); swap them"},
           {"a default outside its bounds", "type: :float, default: 2.0, max: 1.0",
-           "default: expected at most 1.0, got: 2.0"},
+           "invalid `default`: expected value to be at most 1.0, got: 2.0"},
           {"a default of another type", "type: :float, default: 2",
-           "default: expected float, got: 2"},
+           "invalid `default`: expected float, got: 2"},
           {"a numeric bound on a unit", "type: {:unit, :hertz}, min: 1",
-           "min: expected a quantity such as ~u(1 hertz), got: 1"},
+           "`min` must be a `BB.Unit` compatible with `hertz`, got: 1"},
           {"an incompatible unit", "type: {:unit, :hertz}, max: ~u(1 meter)",
-           "max: cannot convert 1 meter to hertz: 1 meter is a length, hertz is a frequency"},
+           "`max` must be compatible with `hertz`, got: ~u(1 meter)"},
           {"a default in an incompatible unit", "type: {:unit, :hertz}, default: ~u(1 meter)",
-           "default: cannot convert 1 meter to hertz: 1 meter is a length, hertz is a frequency"},
+           "invalid `default`: cannot convert 1 meter to hertz: 1 meter is a length, hertz is a frequency"},
           {"a unit as the bound of a number", "type: :float, max: ~u(1 meter)",
-           "max: expected a number for type :float, got: ~u(1 meter)"},
+           "`max` must be a number, got: ~u(1 meter)"},
           {"no type", "default: 1", "the type is missing; add `type:`, such as `type: :float`"},
           {"an unknown type", "type: :flaot",
-           ":flaot is no type; the types are :float, :integer, :boolean, :string, :atom, {:unit, unit}, {:in, choices}, {:or, types}, {:list, type}"},
+           "expected a type, got: :flaot; use #{BB.Options.Type.known()}, or {:unit, unit}"},
           {"an unknown unit", "type: {:unit, :metre}",
            ~s(unknown unit "metre"; did you mean meter or ampere?)}
         ] do
@@ -117,6 +122,48 @@ defmodule BB.Dsl.ParametersTest do
         end
 
       assert for(%{path: path} <- robot.robot().parameters, do: path) == [[:gain], [:arm, :gain]]
+    end
+
+    test "may have any type of BB.Options, and a custom type fails like another" do
+      robot =
+        robot do
+          parameters do
+            param :int1_pin, type: {:or, [:non_neg_integer, nil]}
+            param :mode, type: {:in, [:slow, :fast]}, default: :slow
+            param :ports, type: {:list, :pos_integer}, default: [1, 2]
+            param :timeout, type: :timeout, default: :infinity
+            param :even, type: {:custom, BB.Dsl.ParametersTest, :even, []}, default: 2
+            param :reach, type: {:or, [{:unit, :meter}, nil]}, default: ~u(1 kilometer)
+          end
+        end
+
+      assert for(
+               %{path: [name], default: default} <- robot.robot().parameters,
+               do: {name, default}
+             ) ==
+               [
+                 int1_pin: nil,
+                 mode: :slow,
+                 ports: [1, 2],
+                 timeout: :infinity,
+                 even: 2,
+                 reach: ~u(1000 meter)
+               ]
+
+      for {default, reason} <- [
+            {"1", "expected an even number, got: 1"},
+            {":raise", "the check of its type raised RuntimeError: oops"}
+          ] do
+        error =
+          mistake("""
+          parameters do
+            param :even, type: {:custom, BB.Dsl.ParametersTest, :even, []}, default: #{default}
+          end
+          """)
+
+        assert error.path == [:parameters, :even]
+        assert error.reason == "parameter [:even]: invalid `default`: #{reason}"
+      end
     end
 
     test "have no other fields" do

@@ -1,0 +1,5 @@
+defmodule BB.Parameter.BoundsTest do
+  use ExUnit.Case, async: true
+
+  doctest BB.Parameter.Bounds
+end
