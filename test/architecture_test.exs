@@ -20,6 +20,7 @@ defmodule ArchitectureTest do
     # Mix tasks that run without the application.
     mix: {~w(Mix.Tasks.Compile.Cargo.*), []},
     path: {~w(BB.Path), []},
+    error: {~w(BB.Error.*), []},
     options: {~w(BB.Options.*), []},
     math: {~w(BB.Math.*), []},
     unit: {~w(BB.Unit.*), []},
@@ -120,6 +121,7 @@ defmodule ArchitectureTest do
     {~w(BB.Process.Successor), "starts what the supervisor starts in whose process it is"},
 
     # In the process of the caller.
+    {~w(BB.Error), "asks an error for its severity"},
     {~w(BB.Component.Resolution BB.Options.Type),
      "checks in its caller's process; for a robot's components that is BB.Component.OptionsCheck's"},
     {~w(BB.Telemetry), "calls in the emitting process, unless that emits apart"},

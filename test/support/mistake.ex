@@ -12,7 +12,12 @@ defmodule BB.Test.Mistake do
     error = assert_raise BB.Dsl.Error, fn -> Code.compile_string(source, "lib/robot.ex") end
     assert inspect(error.module) == name
     message = Exception.message(error)
-    assert message =~ "#{name}, #{inspect(error.path)} (lib/robot.ex:#{error.line}): "
+    assert message =~ "#{name}#{place(error.path)} (lib/robot.ex:#{error.line}): "
     error
   end
+
+  defp place([]), do: ""
+  defp place(path), do: ", " <> Enum.map_join(path, " -> ", &name/1)
+
+  defp name(name), do: name |> inspect() |> String.trim_leading(":")
 end

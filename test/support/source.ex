@@ -116,10 +116,11 @@ defmodule BB.Test.Source do
 
   # A node that has been read completely becomes nil, so that its parts are not read again.
 
-  defp enter({:defmodule, meta, [{:__aliases__, _, parts}, body]}, found) do
+  defp enter({definition, meta, [{:__aliases__, _, parts}, body]}, found)
+       when definition in [:defmodule, :defprotocol] do
     module = Module.concat(List.wrap(List.first(found.outer)) ++ parts)
     found = %{found | modules: [module | found.modules], outer: [module | found.outer]}
-    {{:defmodule, meta, [nil, body]}, found}
+    {{definition, meta, [nil, body]}, found}
   end
 
   defp enter({:alias, meta, [target | opts]} = node, found) do
@@ -156,7 +157,8 @@ defmodule BB.Test.Source do
 
   defp enter(node, found), do: {node, found}
 
-  defp leave({:defmodule, _, [nil, _]} = node, found) do
+  defp leave({definition, _, [nil, _]} = node, found)
+       when definition in [:defmodule, :defprotocol] do
     [module | outer] = found.outer
     found = %{found | outer: outer}
     {node, if(outer == [], do: found, else: shorten(found, [module], []))}
