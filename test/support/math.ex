@@ -10,6 +10,13 @@ defmodule BB.Test.Math do
     do:
       Prop.map({coordinate(), coordinate(), coordinate()}, fn {x, y, z} -> Vec3.new(x, y, z) end)
 
+  @doc "Generates a vector of length one."
+  def direction do
+    Prop.map(vec3(), fn v ->
+      if Vec3.magnitude(v) < 1.0e-6, do: Vec3.unit_x(), else: Vec3.normalise(v)
+    end)
+  end
+
   @doc "Generates any rotation; axis and angle may be zero."
   def quaternion,
     do:

@@ -9,7 +9,7 @@ defmodule BB.Math.Covariance6 do
       iex> alias BB.Math.{Covariance3, Covariance6}
       iex> covariance = Covariance6.diagonal([1, 2, 3, 4, 5, 6])
       iex> Covariance6.angular(covariance)
-      Covariance3.diagonal(4, 5, 6)
+      Covariance3.diagonal([4, 5, 6])
   """
 
   alias BB.Math.Covariance3
@@ -20,15 +20,22 @@ defmodule BB.Math.Covariance6 do
   @type t :: %__MODULE__{m: tuple()}
 
   @doc """
-  Creates a covariance from 36 numbers, row by row.
+  Creates a covariance from a list of 36 numbers, row by row, or of six rows of six numbers.
 
   Raises `ArgumentError` for another length.
   """
-  @spec new([number()]) :: t()
+  @spec new([number()] | [[number()]]) :: t()
+  def new([row | _] = rows) when is_list(row) do
+    if length(rows) == 6 and Enum.all?(rows, &match?([_, _, _, _, _, _], &1)),
+      do: new(Enum.concat(rows)),
+      else: raise(ArgumentError, "expected six rows of 6 numbers, got: #{inspect(rows)}")
+  end
+
   def new(elements) when is_list(elements) do
-    case Enum.map(elements, &:erlang.float/1) do
-      floats when length(floats) == 36 -> %__MODULE__{m: List.to_tuple(floats)}
-      _ -> raise ArgumentError, "expected a list of 36 numbers, got: #{inspect(elements)}"
+    if length(elements) == 36 and Enum.all?(elements, &is_number/1) do
+      %__MODULE__{m: elements |> Enum.map(&:erlang.float/1) |> List.to_tuple()}
+    else
+      raise ArgumentError, "expected a list of 36 numbers, got: #{inspect(elements)}"
     end
   end
 
@@ -40,12 +47,19 @@ defmodule BB.Math.Covariance6 do
   @spec identity() :: t()
   def identity, do: diagonal([1, 1, 1, 1, 1, 1])
 
-  @doc "Returns the covariance with six variances and without correlation."
+  @doc """
+  Returns the covariance with six variances and without correlation.
+
+  Raises `ArgumentError` for a list of another length than six.
+  """
   @spec diagonal([number()]) :: t()
   def diagonal([_, _, _, _, _, _] = variances) do
     rows = Enum.with_index(variances)
     new(for {v, row} <- rows, column <- 0..5, do: if(row == column, do: v, else: 0))
   end
+
+  def diagonal(variances),
+    do: raise(ArgumentError, "expected a list of 6 numbers, got: #{inspect(variances)}")
 
   @doc "Combines the covariances of a linear and an angular part that are not correlated."
   @spec from_parts(Covariance3.t(), Covariance3.t()) :: t()
@@ -53,8 +67,8 @@ defmodule BB.Math.Covariance6 do
     new(
       for row <- 0..5, column <- 0..5 do
         cond do
-          row < 3 and column < 3 -> Covariance3.at(linear, row, column)
-          row > 2 and column > 2 -> Covariance3.at(angular, row - 3, column - 3)
+          row < 3 and column < 3 -> Covariance3.get(linear, row, column)
+          row > 2 and column > 2 -> Covariance3.get(angular, row - 3, column - 3)
           true -> 0.0
         end
       end
@@ -70,9 +84,13 @@ defmodule BB.Math.Covariance6 do
   def angular(%__MODULE__{} = covariance), do: block(covariance, 3)
 
   @doc "Returns the element in `row` and `column`, each from 0 to 5."
-  @spec at(t(), 0..5, 0..5) :: float()
-  def at(%__MODULE__{m: m}, row, column) when row in 0..5 and column in 0..5,
+  @spec get(t(), 0..5, 0..5) :: float()
+  def get(%__MODULE__{m: m}, row, column) when row in 0..5 and column in 0..5,
     do: elem(m, 6 * row + column)
+
+  @doc "Returns the element in `row` and `column`. Another name of `get/3`."
+  @spec at(t(), 0..5, 0..5) :: float()
+  def at(%__MODULE__{} = covariance, row, column), do: get(covariance, row, column)
 
   @doc "Returns the 36 elements, row by row."
   @spec to_list(t()) :: [float()]
@@ -80,7 +98,7 @@ defmodule BB.Math.Covariance6 do
 
   defp block(covariance, from) do
     Covariance3.new(
-      for row <- 0..2, column <- 0..2, do: at(covariance, from + row, from + column)
+      for row <- 0..2, column <- 0..2, do: get(covariance, from + row, from + column)
     )
   end
 end

@@ -6,11 +6,14 @@ defmodule BB.Math.Vec3 do
 
       iex> alias BB.Math.Vec3
       iex> Vec3.new(1, 2, 3) |> Vec3.add(Vec3.unit_x()) |> Vec3.scale(2)
-      %BB.Math.Vec3{x: 4.0, y: 4.0, z: 6.0}
+      BB.Math.Vec3.new(4.0, 4.0, 6.0)
   """
 
   @enforce_keys [:x, :y, :z]
   defstruct [:x, :y, :z]
+
+  # The direction of a shorter vector is noise.
+  @shortest 1.0e-10
 
   @type t :: %__MODULE__{x: float(), y: float(), z: float()}
 
@@ -106,19 +109,49 @@ defmodule BB.Math.Vec3 do
   @doc """
   Returns the length.
 
-      iex> BB.Math.Vec3.norm(BB.Math.Vec3.new(2, 3, 6))
-      7.0
+      iex> BB.Math.Vec3.magnitude(BB.Math.Vec3.new(3, 4, 0))
+      5.0
   """
-  @spec norm(t()) :: float()
-  def norm(%__MODULE__{} = v), do: :math.sqrt(norm_squared(v))
+  @spec magnitude(t()) :: float()
+  def magnitude(%__MODULE__{} = v), do: :math.sqrt(magnitude_squared(v))
 
-  @doc "Returns the square of the length."
+  @doc """
+  Returns the square of the length.
+
+      iex> BB.Math.Vec3.magnitude_squared(BB.Math.Vec3.new(3, 4, 0))
+      25.0
+  """
+  @spec magnitude_squared(t()) :: float()
+  def magnitude_squared(%__MODULE__{} = v), do: dot(v, v)
+
+  @doc "Returns the length. Another name of `magnitude/1`."
+  @spec norm(t()) :: float()
+  def norm(%__MODULE__{} = v), do: magnitude(v)
+
+  @doc "Returns the square of the length. Another name of `magnitude_squared/1`."
   @spec norm_squared(t()) :: float()
-  def norm_squared(%__MODULE__{} = v), do: dot(v, v)
+  def norm_squared(%__MODULE__{} = v), do: magnitude_squared(v)
 
   @doc "Returns the length of the difference."
   @spec distance(t(), t()) :: float()
-  def distance(%__MODULE__{} = a, %__MODULE__{} = b), do: norm(subtract(a, b))
+  def distance(%__MODULE__{} = a, %__MODULE__{} = b), do: magnitude(subtract(a, b))
+
+  @doc """
+  Returns the vector of length one in the same direction, or the zero vector for a vector shorter
+  than 1.0e-10, whose direction is noise.
+
+  `normalize/1` has no such limit.
+
+      iex> BB.Math.Vec3.normalise(BB.Math.Vec3.new(0, 0, 4))
+      BB.Math.Vec3.unit_z()
+      iex> BB.Math.Vec3.normalise(BB.Math.Vec3.new(0, 0, 1.0e-11))
+      BB.Math.Vec3.zero()
+  """
+  @spec normalise(t()) :: t()
+  def normalise(%__MODULE__{} = v) do
+    magnitude = magnitude(v)
+    if magnitude < @shortest, do: zero(), else: divide(v, magnitude)
+  end
 
   @doc """
   Returns the vector of length one in the same direction. For the zero vector, returns the zero
@@ -129,17 +162,41 @@ defmodule BB.Math.Vec3 do
   """
   @spec normalize(t()) :: t()
   def normalize(%__MODULE__{} = v) do
-    norm = norm(v)
-    if norm == 0, do: zero(), else: scale(v, 1 / norm)
+    magnitude = magnitude(v)
+    if magnitude == 0, do: zero(), else: divide(v, magnitude)
+  end
+
+  defp divide(v, divisor), do: %__MODULE__{x: v.x / divisor, y: v.y / divisor, z: v.z / divisor}
+
+  @doc """
+  Returns a vector of length one that is perpendicular to the vector.
+
+      iex> BB.Math.Vec3.perpendicular(BB.Math.Vec3.new(5, 0, 0))
+      BB.Math.Vec3.unit_y()
+  """
+  @spec perpendicular(t()) :: t()
+  def perpendicular(%__MODULE__{} = v) do
+    %{z: z} = direction = normalise(v)
+    seed = if abs(z) < 0.9, do: unit_z(), else: unit_y()
+    perpendicular = normalise(cross(seed, direction))
+    if perpendicular == zero(), do: unit_x(), else: perpendicular
   end
 
   @doc """
   Interpolates between two points. Returns the point at the fraction `t` of the way from `a` to
-  `b`.
+  `b`, exactly `a` at 0 and `b` at 1. Outside of these `t` extrapolates.
 
       iex> BB.Math.Vec3.lerp(BB.Math.Vec3.zero(), BB.Math.Vec3.new(2, 4, 8), 0.25)
       BB.Math.Vec3.new(0.5, 1, 2)
   """
   @spec lerp(t(), t(), number()) :: t()
-  def lerp(%__MODULE__{} = a, %__MODULE__{} = b, t), do: add(a, scale(subtract(b, a), t))
+  def lerp(%__MODULE__{} = a, %__MODULE__{} = b, t) when is_number(t),
+    do: add(scale(a, 1 - t), scale(b, t))
+
+  defimpl Inspect do
+    import Inspect.Algebra
+
+    def inspect(%{x: x, y: y, z: z}, opts),
+      do: container_doc("BB.Math.Vec3.new(", [x, y, z], ")", opts, &to_doc/2)
+  end
 end

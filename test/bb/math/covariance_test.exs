@@ -22,8 +22,34 @@ defmodule BB.Math.CovarianceTest do
   end
 
   test "elements are found by row and column" do
-    assert Covariance3.at(Covariance3.new(Enum.to_list(0..8)), 1, 2) == 5.0
-    assert Covariance6.at(Covariance6.new(Enum.to_list(0..35)), 1, 2) == 8.0
+    assert Covariance3.get(Covariance3.new(Enum.to_list(0..8)), 1, 2) === 5.0
+    assert Covariance6.get(Covariance6.new(Enum.to_list(0..35)), 1, 2) === 8.0
+    assert Covariance3.at(Covariance3.identity(), 1, 1) === 1.0
+    assert Covariance6.at(Covariance6.identity(), 5, 5) === 1.0
+
+    for {row, column} <- [{-1, 0}, {0, -1}, {3, 0}, {0, 3}, {1.0, 0}] do
+      assert_raise FunctionClauseError, fn -> Covariance3.get(Covariance3.zero(), row, column) end
+    end
+
+    for {row, column} <- [{-1, 0}, {0, -1}, {6, 0}, {0, 6}, {1.0, 0}] do
+      assert_raise FunctionClauseError, fn -> Covariance6.get(Covariance6.zero(), row, column) end
+    end
+  end
+
+  test "rows are taken too" do
+    rows = Enum.chunk_every(0..35, 6)
+    assert Covariance6.new(rows) == Covariance6.new(Enum.to_list(0..35))
+    assert_raise ArgumentError, ~r/six rows of 6 numbers/, fn -> Covariance6.new(tl(rows)) end
+    assert_raise ArgumentError, ~r/six rows/, fn -> Covariance6.new([[1] | tl(rows)]) end
+    assert_raise ArgumentError, ~r/9 numbers/, fn -> Covariance3.new([[1, 2, 3], [1, 2, 3]]) end
+  end
+
+  test "a diagonal has three or six variances" do
+    assert Covariance3.diagonal([1, 2, 3]) == Covariance3.diagonal(1, 2, 3)
+    assert Covariance3.get(Covariance3.diagonal([1, 2, 3]), 2, 2) === 3.0
+    assert Covariance6.get(Covariance6.diagonal([1, 2, 3, 4, 5, 6]), 5, 5) === 6.0
+    assert_raise ArgumentError, ~r/a list of 3 numbers/, fn -> Covariance3.diagonal([1, 2]) end
+    assert_raise ArgumentError, ~r/a list of 6 numbers/, fn -> Covariance6.diagonal([1, 2]) end
   end
 
   property "the parts of a Covariance6 come out as they went in" do

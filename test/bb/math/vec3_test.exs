@@ -16,11 +16,36 @@ defmodule BB.Math.Vec3Test do
 
   test "the zero vector has no direction" do
     assert Vec3.normalize(Vec3.zero()) == Vec3.zero()
+    assert Vec3.normalise(Vec3.zero()) == Vec3.zero()
+    assert Vec3.normalise(Vec3.new(9.0e-11, 0, 0)) == Vec3.zero()
+    assert Vec3.normalise(Vec3.new(2.0e-10, 0, 0)) == Vec3.unit_x()
+    assert Vec3.perpendicular(Vec3.zero()) == Vec3.unit_x()
+  end
+
+  test "inspect shows the call that makes the vector, up to the limit" do
+    assert inspect(Vec3.new(1, 2, 3)) == "BB.Math.Vec3.new(1.0, 2.0, 3.0)"
+    assert inspect(Vec3.new(1, 2, 3), limit: 2) == "BB.Math.Vec3.new(1.0, 2.0, ...)"
+  end
+
+  test "the linear interpolation is exact at its ends, and goes on behind them" do
+    {a, b} = {Vec3.new(0.1, 0.2, 0.3), Vec3.new(1.0e9, -7.7, 0.7)}
+    assert Vec3.lerp(a, b, 0) == a
+    assert Vec3.lerp(a, b, 1) == b
+    assert Vec3.lerp(Vec3.zero(), Vec3.unit_x(), 2) == Vec3.new(2, 0, 0)
+  end
+
+  property "perpendicular is one long and stands on the vector" do
+    forall v <- vec3() do
+      p = Vec3.perpendicular(v)
+      close?(Vec3.magnitude(p), 1.0) and abs(Vec3.dot(p, v)) <= 1.0e-9 * (1 + Vec3.magnitude(v))
+    end
   end
 
   property "a normalised vector is one long" do
     forall v <- vec3() do
-      Vec3.norm(v) == 0 or close?(Vec3.norm(Vec3.normalize(v)), 1.0)
+      Vec3.norm(v) == 0 or
+        (close?(Vec3.norm(Vec3.normalize(v)), 1.0) and
+           (Vec3.norm(v) < 1.0e-10 or close?(Vec3.normalise(v), Vec3.normalize(v))))
     end
   end
 
