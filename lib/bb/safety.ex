@@ -13,8 +13,8 @@ defmodule BB.Safety do
 
                 arm                    disarm, or the robot's tree ends
       :disarmed ───► :armed ──────────────────────────► :disarming
-          ▲                                             │        │
-          ├─────────────────────────────────────────────┘        │ a handler fails
+          ▲                                             │        │ a handler fails,
+          ├─────────────────────────────────────────────┘        │ or the topology has died
           └───────────────────── :error ◄────────────────────────┘
                  force_disarm
 
@@ -46,7 +46,9 @@ defmodule BB.Safety do
   ## When the robot ends
 
   An armed robot is disarmed when its root supervisor or its topology supervisor dies, for any
-  reason: each handler runs once. A robot that is stopped (`Supervisor.stop/1`, or with its
+  reason: each handler runs once. When the topology supervisor dies and the root lives, the state
+  is `:error` however the handlers went: something unforeseen has happened, and a person has to
+  look before `force_disarm/1`. A robot that is stopped (`Supervisor.stop/1`, or with its
   application) is disarmed after its components have ended, and the stop waits for that. No
   handler runs for a robot that is not armed.
 
@@ -105,17 +107,36 @@ defmodule BB.Safety do
   def state(robot), do: Records.state(robot)
 
   @doc """
-  Returns the number of the robot's latest arming, 0 before the first: `{:ok, epoch}`, or
-  `{:error, :not_registered}` for a robot that is not started.
+  Returns whether the robot is in the state `:error`: `false` for an unknown robot.
+
+      iex> BB.Safety.in_error?(NoRobot)
+      false
+  """
+  @spec in_error?(module()) :: boolean()
+  def in_error?(robot), do: Records.state(robot) == :error
+
+  @doc """
+  Returns whether the robot is being disarmed: `false` for an unknown robot.
+
+      iex> BB.Safety.disarming?(NoRobot)
+      false
+  """
+  @spec disarming?(module()) :: boolean()
+  def disarming?(robot), do: Records.state(robot) == :disarming
+
+  @doc """
+  Returns the number of the robot's arming: `{:ok, epoch}` while it is armed, and `:error`
+  otherwise, also for an unknown robot.
 
   Each arming has an epoch of its own, greater than all before. A command that carries the epoch
   in which it was computed shows that it is old when the robot was disarmed and armed again
   since.
+
+      iex> BB.Safety.epoch(NoRobot)
+      :error
   """
-  @spec epoch(module()) :: {:ok, non_neg_integer()} | {:error, :not_registered}
-  def epoch(robot) do
-    with :error <- Records.epoch(robot), do: {:error, :not_registered}
-  end
+  @spec epoch(module()) :: {:ok, pos_integer()} | :error
+  def epoch(robot), do: Records.epoch(robot)
 
   @doc """
   Arms the robot. Errors:
@@ -161,7 +182,8 @@ defmodule BB.Safety do
   @doc """
   Moves a robot from `:error` to `:disarmed` without calling a handler.
 
-  Call it only after a person has checked that the hardware is safe.
+  Call it only after a person has checked that the hardware is safe. A robot that has ended is
+  forgotten then.
 
   Errors: `:not_in_error`, `:not_registered`.
   """
@@ -278,7 +300,8 @@ defmodule BB.Safety do
   defp robot!(robot),
     do: raise(ArgumentError, "expected the module of a robot, got: #{inspect(robot)}")
 
-  defp timeout_ms!(opts) do
+  @doc false
+  def timeout_ms!(opts) do
     case Keyword.validate!(opts, timeout: Warden.default_timeout_ms())[:timeout] do
       timeout_ms when is_integer(timeout_ms) and timeout_ms > 0 ->
         timeout_ms

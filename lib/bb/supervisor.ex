@@ -9,11 +9,12 @@ defmodule BB.Supervisor do
       ├── runtime                      BB.Parameter.Supervisor, the parameters
       ├── ▌ BB.Supervisor.Simulation   simulated buses, if the robot declares and uses them
       ├── BB.Safety.Latch              delays the end until the robot is disarmed
-      └── topology                     BB.Supervisor.Topology
-          ├── :battery                 BB.Component.Keeper ── BB.Component.Server
-          └── link :base_link          BB.Supervisor.Topology
-              ├── :imu                 BB.Component.Keeper ── BB.Component.Server
-              └── joint :shoulder      BB.Supervisor.Topology …
+      ├── topology                     BB.Supervisor.Topology
+      │   ├── :battery                 BB.Component.Keeper ── BB.Component.Server
+      │   └── link :base_link          BB.Supervisor.Topology
+      │       ├── :imu                 BB.Component.Keeper ── BB.Component.Server
+      │       └── joint :shoulder      BB.Supervisor.Topology …
+      └── BB.Safety.StopNotice         announces that the robot is being stopped
 
   A keeper handles each component that crashes, hangs or misses its device
   (`BB.Component.Keeper`). No supervisor sees such a failure, so none restarts for it. ▌ is a
@@ -105,7 +106,13 @@ defmodule BB.Supervisor do
         Successor.child_spec(BB.Process.registry_spec(robot)),
         Successor.child_spec({BB.PubSub, robot}),
         Successor.child_spec({BB.Parameter.Supervisor, {robot, given}})
-      ] ++ Simulation.children(robot) ++ [{BB.Safety.Latch, robot}, {Topology, {robot, nil}}]
+      ] ++
+        Simulation.children(robot) ++
+        [
+          {BB.Safety.Latch, robot},
+          {Topology, {robot, nil}},
+          {BB.Safety.StopNotice, {robot, self()}}
+        ]
 
     Supervisor.init(children, strategy: :one_for_one)
   end

@@ -267,15 +267,16 @@ defmodule BB.SafetyTest do
   end
 
   describe "epoch/1" do
-    test "is {:ok, int}, a new one for each arming" do
+    test "is {:ok, int} while the robot is armed, a new one for each arming" do
       robot = bare()
-      assert Safety.epoch(robot) == {:ok, 0}
+      assert Safety.epoch(robot) == :error
       :ok = Safety.arm(robot)
       {:ok, first} = Safety.epoch(robot)
+      assert first > 0
       {:error, :already_armed} = Safety.arm(robot)
       assert Safety.epoch(robot) == {:ok, first}
       :ok = Safety.disarm(robot)
-      assert Safety.epoch(robot) == {:ok, first}
+      assert Safety.epoch(robot) == :error
       :ok = Safety.arm(robot)
       {:ok, second} = Safety.epoch(robot)
       assert second > first
@@ -292,8 +293,27 @@ defmodule BB.SafetyTest do
       assert second > first
     end
 
-    test "of a robot that is not started is {:error, :not_registered}" do
-      assert Safety.epoch(__MODULE__.Unknown) == {:error, :not_registered}
+    test "is gone when the first handler runs, and stays gone in error and after force_disarm" do
+      robot = start_with_brakes()
+      test = self()
+
+      Brake.script(robot, @a,
+        disarm: fn _opts ->
+          send(test, {:during, Safety.epoch(robot), Safety.disarming?(robot)})
+          {:error, :stuck}
+        end
+      )
+
+      :ok = Safety.arm(robot)
+      assert {:error, {:disarm_failed, _}} = Safety.disarm(robot)
+      assert_received {:during, :error, true}
+      assert {Safety.epoch(robot), Safety.in_error?(robot)} == {:error, true}
+      :ok = Safety.force_disarm(robot)
+      assert {Safety.epoch(robot), Safety.in_error?(robot)} == {:error, false}
+    end
+
+    test "of a robot that is not started is :error" do
+      assert Safety.epoch(__MODULE__.Unknown) == :error
     end
   end
 
@@ -455,7 +475,7 @@ defmodule BB.SafetyTest do
       :ok = Safety.arm(robot)
       stop_supervised!({BB.Sensor.Server, @a})
       assert eventually(fn -> Brake.runs(robot, @a) == 1 end)
-      assert eventually(fn -> Safety.epoch(robot) == {:error, :not_registered} end)
+      assert eventually(fn -> not Safety.Records.known?(robot) end)
     end
   end
 

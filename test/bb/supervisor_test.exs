@@ -68,7 +68,7 @@ defmodule BB.SupervisorTest do
         for {id, pid, _, _} <- Enum.reverse(Supervisor.which_children(root)),
             do: {id, Process.info(pid, :registered_name)}
 
-      assert [registry, bus, {:runtime, _}, _safety, {:topology, _}] = children
+      assert [registry, bus, {:runtime, _}, _latch, {:topology, _}, _notice] = children
       assert {_, {:registered_name, name}} = registry
       assert name == BB.Process.registry_name(robot)
       assert {{BB.PubSub, ^robot}, _} = bus

@@ -304,7 +304,7 @@ defmodule Ganglion.ApplicationTest do
     test "is disarmed when the host is killed", %{robot: robot} do
       Application.kill(Application.host())
       Application.await_end()
-      assert eventually(fn -> Safety.epoch(robot) == {:error, :not_registered} end, 30_000)
+      assert eventually(fn -> not Safety.Records.known?(robot) end, 30_000)
       assert runs(robot) == {1, 1}
     end
 

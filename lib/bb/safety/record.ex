@@ -83,15 +83,31 @@ defmodule BB.Safety.Record do
   def disarm(%{state: :disarming}, _ref), do: {:error, :already_disarming}
   def disarm(%{state: :error}, _ref), do: {:error, :already_in_error}
 
+  @doc """
+  Decides about a request to move the robot to `:error`: `:begin` a round, `:wait` for the round
+  in progress, or the reply.
+  """
+  @spec fail(t()) :: :begin | :wait | :ok | {:error, :already_disarmed}
+  def fail(%{state: :armed}), do: :begin
+  def fail(%{state: :disarming}), do: :wait
+  def fail(%{state: :error}), do: :ok
+  def fail(%{state: :disarmed}), do: {:error, :already_disarmed}
+
   @doc "Returns the record of an armed robot whose disarming begins."
   @spec disarming(t(), reference() | nil, Round.t()) :: t()
   def disarming(%{state: :armed} = record, ref, round),
     do: %{record | state: :disarming, by: ref, round: round}
 
-  @doc "Returns the record of a robot whose disarming is over."
+  @doc """
+  Returns the record of a robot whose disarming is over.
+
+  After a failure of a handler, the death of the topology or a request for it the state is
+  `:error`.
+  """
   @spec disarmed(t(), [Round.failure()]) :: t()
-  def disarmed(%{state: :disarming} = record, failures) do
-    state = if failures == [], do: :disarmed, else: :error
+  def disarmed(%{state: :disarming, round: %{cause: cause}} = record, failures) do
+    safe? = failures == [] and cause not in [:failure, {:topology, :ended}]
+    state = if safe?, do: :disarmed, else: :error
     %{record | state: state, round: nil, failures: failures}
   end
 

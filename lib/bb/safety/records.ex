@@ -92,9 +92,20 @@ defmodule BB.Safety.Records do
     ArgumentError -> :disarmed
   end
 
-  @doc "Returns the number of a robot's latest arming."
-  @spec epoch(module()) :: {:ok, non_neg_integer()} | :error
+  @doc "Returns the number of a robot's arming while it is armed."
+  @spec epoch(module()) :: {:ok, pos_integer()} | :error
   def epoch(robot) do
+    case :ets.lookup(@records, robot) do
+      [{_robot, :armed, epoch, _record}] -> {:ok, epoch}
+      _not_armed -> :error
+    end
+  rescue
+    ArgumentError -> :error
+  end
+
+  @doc "Returns the number of a robot's latest arming, 0 before the first."
+  @spec latest_epoch(module()) :: {:ok, non_neg_integer()} | :error
+  def latest_epoch(robot) do
     {:ok, :ets.lookup_element(@records, robot, 3)}
   rescue
     ArgumentError -> :error

@@ -25,7 +25,8 @@ defmodule BB.Safety.Round do
           cause: cause()
         }
 
-  @type cause :: :requested | :shutdown | {:root | :topology | {:voucher, [atom()]}, :ended}
+  @type cause ::
+          :requested | :shutdown | :failure | {:root | :topology | {:voucher, [atom()]}, :ended}
 
   @typedoc "The failure of a handler."
   @type error ::

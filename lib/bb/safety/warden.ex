@@ -126,6 +126,22 @@ defmodule BB.Safety.Warden do
     end
   end
 
+  def handle_call(:fail, from, %{record: record} = warden) do
+    case Record.fail(record) do
+      :begin -> warden |> wait(from) |> disarm(nil, @timeout_ms, :failure) |> noreply()
+      :wait -> warden |> wait(from) |> noreply()
+      answer -> {:reply, answer, warden}
+    end
+  end
+
+  # The end of the topology has no effect from now on. A topology that has ended before has died.
+  def handle_call({:stopping, root}, _from, %{record: %{root: root}} = warden) do
+    %{record: record} = warden = handle_dead_topology(warden)
+    {:reply, :ok, put_record(warden, %{record | topology: nil})}
+  end
+
+  def handle_call({:stopping, _former_root}, _from, warden), do: {:reply, :ok, warden}
+
   def handle_call({:secure, moment}, from, %{record: record} = warden) do
     case record do
       %{state: :armed, epoch: epoch} when epoch < moment ->
@@ -179,6 +195,7 @@ defmodule BB.Safety.Warden do
     case Map.fetch!(warden.record, role) do
       ^pid -> warden
       nil -> enter(warden, role, pid)
+      _former when role == :topology -> warden |> handle_dead_topology() |> enter(role, pid)
       _dead -> warden |> disarm(nil, @timeout_ms, {role, :ended}) |> enter(role, pid)
     end
   end
@@ -215,9 +232,28 @@ defmodule BB.Safety.Warden do
     update_monitors(warden)
   end
 
-  defp handle_end(warden, role, _pid) do
-    warden = disarm(warden, nil, @timeout_ms, {role, :ended})
-    put_record(warden, Map.put(warden.record, role, nil))
+  defp handle_end(warden, :topology, _pid) do
+    warden = handle_dead_topology(warden)
+    put_record(warden, %{warden.record | topology: nil})
+  end
+
+  defp handle_end(warden, :root, _pid) do
+    warden = disarm(warden, nil, @timeout_ms, {:root, :ended})
+    put_record(warden, %{warden.record | root: nil})
+  end
+
+  # With the root, the topology dies too: that is the end of the root.
+  defp handle_dead_topology(%{record: %{root: root, topology: topology}} = warden) do
+    cond do
+      topology == nil or Process.alive?(topology) ->
+        warden
+
+      root != nil and Process.alive?(root) ->
+        disarm(warden, nil, @timeout_ms, {:topology, :ended})
+
+      true ->
+        disarm(warden, nil, @timeout_ms, {:root, :ended})
+    end
   end
 
   # Disarming

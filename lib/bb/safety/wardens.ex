@@ -46,7 +46,7 @@ defmodule BB.Safety.Wardens do
   @spec arm(module()) :: :ok | {:error, term()}
   def arm(robot) do
     ref = make_ref()
-    seen = with {:ok, epoch} <- Records.epoch(robot), do: epoch
+    seen = with {:ok, epoch} <- Records.latest_epoch(robot), do: epoch
     request(robot, {:arm, ref, :first}, {:arm, ref, seen})
   end
 
@@ -57,6 +57,20 @@ defmodule BB.Safety.Wardens do
   @doc "Moves a robot from `:error` to `:disarmed`."
   @spec force_disarm(module()) :: :ok | {:error, term()}
   def force_disarm(robot), do: request(robot, {:force_disarm, make_ref()})
+
+  @doc """
+  Disarms an armed robot and moves it to `:error`, and waits for a disarming in progress. Returns
+  `:ok` for a robot in `:error`.
+  """
+  @spec fail(module()) :: :ok | {:error, term()}
+  def fail(robot), do: request(robot, :fail)
+
+  @doc """
+  Announces that a root supervisor stops its children: the end of its topology supervisor is not a
+  failure.
+  """
+  @spec announce_stop(module(), root :: pid()) :: :ok | {:error, :not_registered}
+  def announce_stop(robot, root), do: request(robot, {:stopping, root})
 
   @doc """
   Disarms a robot that was armed before a moment, and waits for a disarming in progress. A robot

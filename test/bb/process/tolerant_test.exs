@@ -43,6 +43,7 @@ defmodule BB.Process.TolerantTest do
     for module <- [
           BB.Safety.Warden,
           BB.Safety.Latch,
+          BB.Safety.StopNotice,
           BB.PubSub.Registrar,
           BB.Parameter.Owner,
           BB.Component.Keeper,

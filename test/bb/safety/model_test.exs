@@ -119,7 +119,8 @@ defmodule BB.Safety.ModelTest do
   defp look(robot) do
     %{
       state: Safety.state(robot),
-      known?: match?({:ok, _}, Safety.epoch(robot)),
+      known?: Safety.Records.known?(robot),
+      epoch?: match?({:ok, _}, Safety.epoch(robot)),
       inhibitions: Safety.inhibitions(robot),
       runs: for(path <- [@inside | @handlers], into: %{}, do: {path, Brake.runs(robot, path)})
     }
@@ -158,6 +159,7 @@ defmodule BB.Safety.ModelTest do
     %{
       state: model.state,
       known?: known?(model),
+      epoch?: model.state == :armed,
       inhibitions: Enum.sort(inhibitions(model)),
       runs: model.runs
     }
@@ -213,9 +215,12 @@ defmodule BB.Safety.ModelTest do
   defp expect(blow, %{tree?: true} = m) when blow in [:stop, :kill_root],
     do: {:ok, m |> without_components() |> root_lost(:tree)}
 
-  # Its components die and come back. They are registered again, and vouch no longer.
+  # Its components die and come back. They are registered again, and vouch no longer. An armed robot
+  # is in error, however its handlers went.
   defp expect(:kill_topology, %{tree?: true, topologies: n} = m) when n < @most_topologies do
+    armed? = m.state == :armed
     m = m |> without_components() |> disarmed()
+    m = if armed?, do: %{m | state: :error}, else: m
     handlers = Map.put(m.handlers, @inside, :tree)
     {:ok, %{m | tree?: true, topologies: n + 1, handlers: handlers}}
   end

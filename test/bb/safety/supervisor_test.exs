@@ -28,7 +28,7 @@ defmodule BB.Safety.SupervisorTest do
 
       Process.exit(owner, :kill)
       assert eventually(fn -> Brake.runs(watched, @a) == 1 end)
-      assert eventually(fn -> Safety.epoch(watched) == {:error, :not_registered} end)
+      assert eventually(fn -> not Safety.Records.known?(watched) end)
 
       assert Safety.disarm(robot) == :ok
       assert Brake.runs(robot, @a) == 1

@@ -54,26 +54,100 @@ defmodule BB.Safety.WardenTest do
 
   describe "an armed robot whose topology supervisor dies" do
     for reason <- [:kill, :broken, :shutdown] do
-      test "by #{inspect(reason)} is disarmed: every registered disarm ran exactly once" do
+      test "by #{inspect(reason)} is in error: every registered disarm ran exactly once" do
         {robot, root} = start()
         {:ok, _} = BB.subscribe(robot, [:state_machine])
         :ok = Safety.arm(robot)
         end_process(topology(root), unquote(reason))
-        assert_disarmed(robot)
+        assert_receive {:bb, [:state_machine], %{payload: %{from: :armed, to: :disarming}}}
+        assert_receive {:bb, [:state_machine], %{payload: %{from: :disarming, to: :error}}}
+        assert Safety.in_error?(robot)
         assert_up_again(robot)
         assert runs(robot) == {1, 1}
         assert Process.whereis(robot) == root
       end
     end
 
-    test "can be armed again, and disarmed again" do
+    test "can be armed again after an acknowledgement, and disarmed again" do
       {robot, root} = start()
       :ok = Safety.arm(robot)
       end_process(topology(root), :kill)
-      assert eventually(fn -> Safety.arm(robot) == :ok end)
+      assert eventually(fn -> Safety.in_error?(robot) end)
+      assert Safety.arm(robot) == {:error, :in_error}
+      assert Safety.disarm(robot) == {:error, :already_in_error}
+      assert Safety.force_disarm(robot) == :ok
+      assert Safety.arm(robot) == :ok
       assert_up_again(robot)
       :ok = Safety.disarm(robot)
       assert runs(robot) == {2, 2}
+    end
+  end
+
+  describe "the topology supervisor's death is an error" do
+    test "also when the root gives up after it, and until the robot that has ended is acknowledged" do
+      {robot, root} = start()
+      ref = Process.monitor(root)
+      :ok = Safety.arm(robot)
+      end_topologies(root, ref)
+      assert Safety.state(robot) == :error
+      assert runs(robot) == {1, 1}
+      assert Safety.force_disarm(robot) == :ok
+      assert_forgotten(robot)
+    end
+
+    test "but not when the root was killed, or the robot stopped" do
+      for blow <- [:root, :stop] do
+        {robot, root} = start()
+        :ok = Safety.arm(robot)
+        strike(blow, root)
+        assert eventually(fn -> not Safety.Records.known?(robot) end)
+        assert runs(robot) == {1, 1}
+      end
+    end
+
+    test "but nothing for a robot that is disarmed" do
+      {robot, root} = start()
+      end_process(topology(root), :kill)
+      assert_up_again(robot)
+      assert Safety.arm(robot) == :ok
+    end
+
+    test "also when a robot was stopped, and started again" do
+      {robot, root} = start()
+      Supervisor.stop(root)
+      assert_forgotten(robot)
+      {^robot, root} = start(robot)
+      :ok = Safety.arm(robot)
+      end_process(topology(root), :kill)
+      assert eventually(fn -> Safety.in_error?(robot) end)
+    end
+
+    test "also when the notice of a stop was killed before" do
+      {robot, root} = start()
+      {_id, notice, _, _} = List.keyfind(Supervisor.which_children(root), Safety.StopNotice, 0)
+      end_process(notice, :kill)
+      :ok = Safety.arm(robot)
+      end_process(topology(root), :kill)
+      assert eventually(fn -> Safety.in_error?(robot) end)
+    end
+
+    defp end_topologies(root, ref) do
+      case root |> topologies() |> Enum.find(&is_pid/1) do
+        nil -> :ok
+        topology -> Process.exit(topology, :kill)
+      end
+
+      receive do
+        {:DOWN, ^ref, :process, ^root, _reason} -> :ok
+      after
+        10 -> end_topologies(root, ref)
+      end
+    end
+
+    defp topologies(root) do
+      for {:topology, pid, _, _} <- Supervisor.which_children(root), do: pid
+    catch
+      :exit, _ended -> []
     end
   end
 
@@ -188,7 +262,7 @@ defmodule BB.Safety.WardenTest do
       BB.cast(robot, :b, :crash)
       assert_receive {:restarting, ^robot}
       strike(@blow, root)
-      assert eventually(fn -> Safety.state(robot) == :disarmed end)
+      assert eventually(fn -> Safety.state(robot) == state_after(@blow) end)
       assert runs(robot) == {1, 1}
       assert_settled(@blow, robot)
       assert runs(robot) == {1, 1}
@@ -201,12 +275,15 @@ defmodule BB.Safety.WardenTest do
       BB.cast(robot, :b, :crash)
       assert eventually(fn -> match?([%{state: :backoff}], BB.Actuator.health(robot)) end)
       strike(@blow, root)
-      assert eventually(fn -> Safety.state(robot) == :disarmed end)
+      assert eventually(fn -> Safety.state(robot) == state_after(@blow) end)
       assert runs(robot) == {1, 1}
       assert_settled(@blow, robot)
       assert runs(robot) == {1, 1}
     end
   end
+
+  defp state_after(:topology), do: :error
+  defp state_after(_blow), do: :disarmed
 
   # All that a blow leads to is over: a robot is up again, or gone.
   defp assert_settled(:topology, robot) do
@@ -432,7 +509,7 @@ defmodule BB.Safety.WardenTest do
       :ok = Safety.arm(robot)
       kill_warden(robot)
       end_process(topology(root), :kill)
-      assert_disarmed_state(robot)
+      assert eventually(fn -> Safety.in_error?(robot) end)
       assert_up_again(robot)
       assert runs(robot) == {1, 1}
     end
@@ -491,7 +568,14 @@ defmodule BB.Safety.WardenTest do
       # More than three deaths in five seconds would end the root.
       for n <- 1..15 do
         assert eventually(fn -> Safety.arm(robot) == :ok end)
-        if rem(n, 4) == 0, do: end_process(topology(root), :kill), else: Safety.disarm(robot)
+
+        if rem(n, 4) == 0 do
+          end_process(topology(root), :kill)
+          assert eventually(fn -> Safety.force_disarm(robot) == :ok end)
+        else
+          Safety.disarm(robot)
+        end
+
         assert eventually(fn -> Safety.state(robot) == :disarmed end)
         assert {n, runs(robot)} == {n, {n, n}}
         assert_up_again(robot)
@@ -566,19 +650,13 @@ defmodule BB.Safety.WardenTest do
     {held, disarming}
   end
 
-  defp assert_disarmed(robot) do
-    assert_receive {:bb, [:state_machine], %{payload: %{to: :disarming}}}
-    assert_receive {:bb, [:state_machine], %{payload: %{to: :disarmed}}}
-    assert Safety.state(robot) == :disarmed
-  end
-
   defp assert_disarmed_state(robot),
     do: assert(eventually(fn -> Safety.state(robot) == :disarmed end))
 
   defp assert_up_again(robot), do: assert(await_all_up(robot))
 
   defp assert_forgotten(robot) do
-    assert eventually(fn -> Safety.epoch(robot) == {:error, :not_registered} end)
+    assert eventually(fn -> not Safety.Records.known?(robot) end)
     assert Safety.state(robot) == :disarmed
     assert Safety.arm(robot) == {:error, :not_registered}
     assert eventually(fn -> warden(robot) == nil end)
