@@ -29,6 +29,7 @@ defmodule ArchitectureTest do
     native_library: {~w(BB.NativeLibrary), []},
     callback: {~w(BB.Callback.*), []},
     telemetry: {~w(BB.Telemetry), [:callback]},
+    diagnostic: {~w(BB.Diagnostic), [:telemetry]},
     errno: {~w(BB.Errno), []},
     topic: {~w(BB.Topic), []},
     tolerant: {~w(BB.Process.Tolerant), []},
