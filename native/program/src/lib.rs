@@ -43,6 +43,13 @@ pub enum Failure {
 }
 
 impl Failure {
+    /// The former name of [`Failure::Runtime`].
+    #[allow(non_snake_case)]
+    #[deprecated(note = "use Failure::Runtime")]
+    pub fn World(text: String) -> Failure {
+        Failure::Runtime(text)
+    }
+
     fn exit_status(&self) -> u8 {
         match self {
             Failure::Usage(_) => 2,

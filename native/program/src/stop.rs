@@ -105,6 +105,12 @@ impl Stop {
         state.wakers.push(Box::new(wake));
     }
 
+    /// The former name of [`Stop::on_request`].
+    #[deprecated(note = "use on_request")]
+    pub fn wakes(&self, wake: impl Fn() + Send + 'static) {
+        self.on_request(wake);
+    }
+
     fn state(&self) -> MutexGuard<'_, State> {
         self.shared.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
