@@ -57,7 +57,7 @@ defmodule BBTest do
           end
 
         assert Exception.message(error) =~
-                 ~r/^BBTest.Refused, .*robot.ex:2.*cannot extend the DSL: /
+                 ~r/^BBTest.Refused \(robot.ex:2\): cannot extend the DSL: /
 
         assert Exception.message(error) =~ options
       end
