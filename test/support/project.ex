@@ -58,6 +58,8 @@ defmodule BB.Test.Project do
   @spec clone!(Path.t()) :: String.t()
   def clone!(folder) do
     git!(["clone", "--quiet", "--no-hardlinks", @checkout, folder], @checkout)
+    # The checkout may be of a commit, as in CI. Mix clones only what has a branch.
+    git!(~w(checkout --quiet -B main), folder)
     for file <- git_files(~w(--deleted)), do: File.rm(Path.join(folder, file))
 
     for file <- git_files(~w(--modified --others --exclude-standard)),
