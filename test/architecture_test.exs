@@ -52,7 +52,8 @@ defmodule ArchitectureTest do
     # and its components.
     process: {~w(BB.Process.*), [:process_name]},
     safety: {~w(BB.Safety.*), ~w(path pub_sub envelope payload callback telemetry tolerant)a},
-    declaration: {~w(BB.Component BB.Robot.*), ~w(transmission parameter reference unit)a},
+    declaration:
+      {~w(BB.Component BB.Robot.*), ~w(transmission parameter reference unit math error)a},
     component:
       {~w(BB.Component.*),
        ~w(declaration transmission parameter reference process pub_sub safety envelope payload options callback telemetry tolerant topic)a},
@@ -69,7 +70,7 @@ defmodule ArchitectureTest do
       {~w(BB.Sensor BB.Sensor.Server BB.Sensor.SensorProfile BB.Sensor.Mimic BB.Actuator.* BB.Controller),
        ~w(declaration component transmission parameter pub_sub envelope payload options topic)a},
     dsl:
-      {~w(BB.Dsl.*),
+      {~w(BB.Dsl.* BB.Robot.Builder BB.Robot.Components BB.Robot.Shapes),
        ~w(declaration transmission parameter reference sensor simulation path topic options unit)a},
     supervisor:
       {~w(BB.Supervisor.*),

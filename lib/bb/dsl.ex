@@ -33,7 +33,11 @@ defmodule BB.Dsl do
             joint :shoulder do
               type :revolute
               origin z: ~u(0.1 meter)
-              limit lower: ~u(-90 degree), upper: ~u(90 degree), effort: ~u(10 newton_meter)
+
+              limit lower: ~u(-90 degree),
+                    upper: ~u(90 degree),
+                    effort: ~u(10 newton_meter),
+                    velocity: ~u(60 degree_per_second)
 
               actuator :servo, {MyRobot.Servo, channel: 0} do
                 transmission reduction: 3.0
@@ -53,9 +57,11 @@ defmodule BB.Dsl do
       end
 
   Every entity can be written with or without parentheses, as a block or as keywords.
-  `BB.Dsl.Robot` documents the sections. The words inside them are in `BB.Dsl.Component`,
-  `BB.Dsl.Simulation` and `BB.Dsl.Words`. A mistake raises `BB.Dsl.Error` when the module is
-  compiled.
+  `BB.Dsl.Robot` documents the sections, `BB.Dsl.Words` the words inside them. A mistake raises
+  `BB.Dsl.Error` when the module is compiled. What is only probably a mistake is a warning.
+
+  `MyRobot.robot()` returns the declaration in SI units (`BB.Robot`), and `BB.Dsl.Info` returns it
+  as it is written.
 
   Put `import_deps: [:ganglion]` into `.formatter.exs`, so that `mix format` adds no parentheses.
   """
@@ -63,10 +69,11 @@ defmodule BB.Dsl do
   alias BB.Parameter.Schema
 
   defmacro __before_compile__(env) do
-    robot = BB.Dsl.Compiler.robot(env.module, BB.Dsl.Builder.finish(env.module))
+    declaration = BB.Dsl.Compiler.declaration(BB.Dsl.Builder.finish(env.module))
+    robot = BB.Robot.Builder.build(env.module, declaration)
 
     quote do
-      @doc "Returns the declaration of the robot, a `BB.Robot`."
+      @doc "Returns the description of the robot in SI units, a `BB.Robot`."
       @spec robot() :: BB.Robot.t()
       def robot, do: unquote(Macro.escape(robot))
 
@@ -78,6 +85,30 @@ defmodule BB.Dsl do
       @doc false
       @spec __bb_default_parameters__() :: [{BB.Parameter.path(), term()}]
       def __bb_default_parameters__, do: unquote(Macro.escape(Schema.defaults(robot.parameters)))
+
+      @doc false
+      def __bb_declaration__, do: unquote(Macro.escape(declaration))
+
+      @doc false
+      def __bb_states__, do: BB.Dsl.Info.states(__MODULE__)
+
+      @doc false
+      def __bb_state_names__, do: BB.Dsl.Info.state_names(__MODULE__)
+
+      @doc false
+      def __bb_initial_state__, do: BB.Dsl.Info.initial_state(__MODULE__)
+
+      @doc false
+      def __bb_categories__, do: BB.Dsl.Info.categories(__MODULE__)
+
+      @doc false
+      def __bb_category_limits__, do: BB.Dsl.Info.category_limits(__MODULE__)
+
+      @doc false
+      def __bb_arm_command__, do: BB.Dsl.Info.arm_command(__MODULE__)
+
+      @doc false
+      def __bb_disarm_command__, do: BB.Dsl.Info.disarm_command(__MODULE__)
     end
   end
 end

@@ -45,7 +45,7 @@ defmodule BB.Process do
   @doc "Returns the child specification of the registry, for the robot's root supervisor."
   @spec registry_spec(module()) :: Supervisor.module_spec()
   def registry_spec(robot) do
-    options = Name.setting(robot, :registry_options, [])
+    options = Name.setting(robot, :registry_options, partitions: System.schedulers_online())
     {registry_module(robot), [keys: :unique, name: registry_name(robot)] ++ options}
   end
 end

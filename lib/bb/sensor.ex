@@ -65,7 +65,7 @@ defmodule BB.Sensor do
 
   use BB.Component.Kind, word: :sensor
 
-  alias BB.{Message, Parameter, PubSub, Transmission}
+  alias BB.{Message, Parameter, PubSub, Robot, Transmission}
   alias BB.Component.{Health, Heartbeat, Reason, Server}
   alias BB.Message.Sensor.JointState
   alias BB.Sensor.SensorProfile
@@ -145,7 +145,7 @@ defmodule BB.Sensor do
   """
   @spec to_joint_space(module(), [atom(), ...], Message.t()) :: Message.t()
   def to_joint_space(robot, sensor_path, %Message{} = message) do
-    declared = attachment(robot, List.last(sensor_path)).transmission
+    declared = component(robot, List.last(sensor_path)).transmission
 
     case Transmission.resolve(declared, &Parameter.get!(robot, &1)) do
       {:ok, transmission} -> Transmission.unapply_to_payload(message, transmission)
@@ -166,7 +166,7 @@ defmodule BB.Sensor do
     name = List.last(path)
 
     frame_id =
-      with {:joint, joint} <- attachment(robot, name).attached_to, do: joint, else: (_ -> name)
+      with {:joint, joint} <- component(robot, name).attached_to, do: joint, else: (_ -> name)
 
     message = Message.new!(JointState, frame_id, Keyword.put_new(opts, :names, [frame_id]))
     publish(%{robot: robot, path: path}, to_joint_space(robot, path, message))
@@ -175,9 +175,12 @@ defmodule BB.Sensor do
   @unattached %{attached_to: nil, transmission: nil}
 
   # A driver's test need not have a robot.
-  defp attachment(robot, name) do
-    if Code.ensure_loaded?(robot) and function_exported?(robot, :robot, 0),
-      do: Map.get(robot.robot().sensors, name, @unattached),
-      else: @unattached
+  defp component(robot, name) do
+    with true <- Code.ensure_loaded?(robot) and function_exported?(robot, :robot, 0),
+         {:ok, component} <- Robot.fetch_component(robot.robot(), name) do
+      component
+    else
+      _ -> @unattached
+    end
   end
 end

@@ -14,7 +14,8 @@ defmodule BB.Transmission do
         end
       end
 
-    * `:reduction` - the turns of the motor for one turn of the joint, above zero (`1.0`)
+    * `:reduction` - the turns of the motor for one turn of the joint, not zero (`1.0`); a
+      negative one turns the other way
     * `:offset` - the position of the joint when the motor is at zero, in rad, or in m for a
       prismatic joint (`0.0`)
     * `:reversed?` - whether the motor turns in the other direction (`false`)
@@ -77,7 +78,7 @@ defmodule BB.Transmission do
       {:ok, %{reduction: 3.0, offset: 0.0, reversed?: false}}
       iex> {:error, error} = BB.Transmission.resolve(declared, fn [:gear] -> 0.0 end)
       iex> Exception.message(error)
-      "invalid value for :reduction option: expected a number above zero, got: 0.0 " <>
+      "invalid value for :reduction option: expected a number other than zero, got: 0.0 " <>
         "(in options [:transmission])"
   """
   @spec resolve(declared() | nil, (BB.Parameter.path() -> term())) ::
@@ -85,8 +86,8 @@ defmodule BB.Transmission do
   def resolve(nil, _value), do: {:ok, nil}
   def resolve(declared, value), do: declared |> Reference.resolve(value) |> new() |> check()
 
-  defp check(%{reduction: r}) when not is_float(r) or r <= 0.0,
-    do: refuse(:reduction, r, "a number above zero")
+  defp check(%{reduction: r}) when not is_float(r) or r == 0.0,
+    do: refuse(:reduction, r, "a number other than zero")
 
   defp check(%{offset: offset}) when not is_float(offset),
     do: refuse(:offset, offset, "an angle or a length")

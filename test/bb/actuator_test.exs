@@ -43,12 +43,12 @@ defmodule BB.ActuatorTest do
     place = {:joint, :elbow}
 
     assert declared.actuators == %{
-             servo: %{name: :servo, attached_to: place, transmission: transmission},
-             brake: %{name: :brake, attached_to: place, transmission: nil}
+             servo: %{name: :servo, joint: :elbow, attached_to: place, transmission: transmission},
+             brake: %{name: :brake, joint: :elbow, attached_to: place, transmission: nil}
            }
 
     assert declared.controllers == %{
-             balance: %{name: :balance, attached_to: nil, transmission: nil}
+             balance: %{name: :balance, attached_to: :robot, transmission: nil}
            }
 
     assert declared.joints.elbow.actuators == [:servo, :brake]
@@ -136,10 +136,10 @@ defmodule BB.ActuatorTest do
 
     assert mistake(
              "sensors do\n sensor :x, BB.Test.Probe\n end\n controllers do\n controller :x, BB.Test.Brain\n end"
-           ).reason =~ "controller :x has the name of another sensor"
+           ).reason =~ "duplicate name :x: controller :x has the name of a sensor"
 
     assert mistake("controllers do\n controller :x, BB.Test.Probe\n end").reason ==
-             "controller :x: BB.Test.Probe does not implement BB.Controller; add `use BB.Controller` to it"
+             "controller :x: BB.Test.Probe must implement the BB.Controller behaviour; add `use BB.Controller` to it"
 
     error = mistake("topology do\n link :b do\n actuator :x, BB.Test.Motor\n link :c\n end\n end")
 

@@ -2,14 +2,22 @@ defmodule BB.DslTest do
   use ExUnit.Case, async: true
 
   import BB.Test.Mistake
+  import ExUnit.CaptureIO
   import BB.Test.Robot
   import BB.Unit, only: :sigils
 
+  alias BB.Dsl.{Grammar, Words}
   alias BB.Test.Probe
 
   doctest BB.Dsl.Child
+  doctest BB.Dsl.Commands
+  doctest BB.Dsl.Fields
+  doctest BB.Dsl.Glossary
   doctest BB.Dsl.Grammar
+  doctest BB.Dsl.Quantities
   doctest BB.Dsl.Rules
+  doctest BB.Dsl.State
+  doctest BB.Dsl.Words
 
   defmodule Judge do
     use BB.Sensor, options_schema: [answer: [type: :any]]
@@ -68,7 +76,7 @@ defmodule BB.DslTest do
       assert declared.settings == %{name: :rover}
 
       assert declared.sensors == %{
-               battery: %{name: :battery, attached_to: nil, transmission: nil},
+               battery: %{name: :battery, attached_to: :robot, transmission: nil},
                imu: %{name: :imu, attached_to: {:link, :base_link}, transmission: nil},
                encoder: %{name: :encoder, attached_to: {:joint, :shoulder}, transmission: nil}
              }
@@ -81,10 +89,10 @@ defmodule BB.DslTest do
 
       assert {:ok, joint} = BB.Robot.fetch_joint(declared, :shoulder)
       assert %{type: :revolute, parent_link: :base_link, child_link: :arm} = joint
-      assert joint.origin == %{z: ~u(0.1 meter)}
-      assert joint.axis == %{z: 1}
-      assert joint.limit.velocity == ~u(60 degree_per_second)
-      assert joint.dynamics == %{damping: 0.1}
+      assert joint.origin == %{position: {0.0, 0.0, 0.1}, orientation: {0.0, 0.0, 0.0}}
+      assert joint.axis == {0.0, 0.0, 1.0}
+      assert_in_delta joint.limits.velocity, :math.pi() / 3, 1.0e-12
+      assert joint.dynamics == %{damping: 0.1, friction: nil}
       assert joint.sensors == [:encoder]
     end
 
@@ -163,6 +171,8 @@ defmodule BB.DslTest do
                 limit do
                   lower ~u(0 meter)
                   upper ~u(1 meter)
+                  effort ~u(1 newton)
+                  velocity ~u(1 meter_per_second)
                 end
 
                 sensor :s, {BB.Test.Probe, rate: 5} do
@@ -182,7 +192,15 @@ defmodule BB.DslTest do
 
           topology do
             link(:base) do
-              joint(:j, type: :prismatic, limit: [lower: ~u(0 meter), upper: ~u(1 meter)]) do
+              joint(:j,
+                type: :prismatic,
+                limit: [
+                  lower: ~u(0 meter),
+                  upper: ~u(1 meter),
+                  effort: ~u(1 newton),
+                  velocity: ~u(1 meter_per_second)
+                ]
+              ) do
                 sensor(:s, {BB.Test.Probe, rate: 5}, required: true)
                 link(:tip)
               end
@@ -246,6 +264,8 @@ defmodule BB.DslTest do
                 limit do
                   lower ~u(0 degree)
                   upper ~u(1 radian)
+                  effort ~u(1 newton_meter)
+                  velocity ~u(1 radian_per_second)
                 end
 
                 dynamics do
@@ -301,7 +321,12 @@ defmodule BB.DslTest do
                 type: :revolute,
                 origin: [x: ~u(1 meter), yaw: ~u(90 degree)],
                 axis: [z: 1],
-                limit: [lower: ~u(0 degree), upper: ~u(1 radian)],
+                limit: [
+                  lower: ~u(0 degree),
+                  upper: ~u(1 radian),
+                  effort: ~u(1 newton_meter),
+                  velocity: ~u(1 radian_per_second)
+                ],
                 dynamics: [damping: 0.1, friction: 0.2]
               ) do
                 sensor(:encoder, BB.Test.Probe,
@@ -434,7 +459,7 @@ defmodule BB.DslTest do
       assert error.line == 9
 
       assert Exception.message(error) =~
-               "sensor :imu has the name of another sensor, declared at lib/robot.ex:4; give each a name of its own"
+               "duplicate name :imu: sensor :imu has the name of a sensor, declared at lib/robot.ex:4; give each a name of its own"
     end
 
     test "a component so deep that its path would be too long" do
@@ -472,7 +497,7 @@ defmodule BB.DslTest do
       assert error.line == 5
 
       assert error.reason ==
-               ":other is a second root link beside :base, declared at lib/robot.ex:4; a robot has one: connect :other by a joint"
+               "There can only be one link at the root: :other is a second one beside :base, declared at lib/robot.ex:4; connect :other by a joint"
     end
 
     test "two links of one name" do
@@ -489,7 +514,7 @@ defmodule BB.DslTest do
         """)
 
       assert error.path == [:topology, :base, :j, :base]
-      assert error.reason =~ "link :base has the name of another link"
+      assert error.reason =~ "duplicate name :base: link :base has the name of a link"
     end
 
     test "a joint without a child link" do
@@ -506,7 +531,9 @@ defmodule BB.DslTest do
 
       assert error.path == [:topology, :base, :j]
       assert error.line == 5
-      assert error.reason == "joint :j has no child link; add `link :name` inside it"
+
+      assert error.reason ==
+               "All joints must connect to a child link: joint :j has no child link; add `link :name` inside it"
     end
 
     test "a joint with two child links" do
@@ -535,7 +562,7 @@ defmodule BB.DslTest do
       error = mistake("  topology do\n link :b do\n joint :j do\n type :ball\n end\n end\n end")
 
       assert error.reason ==
-               "invalid value for :type option: expected one of [:revolute, :continuous, :prismatic, :fixed], got: :ball"
+               "invalid value for :type option: expected one of [:revolute, :continuous, :prismatic, :fixed, :floating, :planar], got: :ball"
 
       assert error.line == 6
     end
@@ -555,7 +582,9 @@ defmodule BB.DslTest do
           """)
 
         assert error.line == 5
-        assert error.reason =~ "joint :j is #{inspect(type)} and has no limit; add `limit lower: "
+
+        assert error.reason =~
+                 "Limits must be present for #{type} joints: joint :j has none; add `limit lower: "
       end
     end
 
@@ -564,11 +593,21 @@ defmodule BB.DslTest do
         "topology do\n link :b do\n joint :j do\n type #{inspect(type)}\n #{inside}\n link :a\n end\n end\n end"
       end
 
-      assert mistake(joint.(:revolute, "limit lower: ~u(0 meter), upper: ~u(90 degree)")).reason =~
-               "invalid value for :lower option: expected an angle such as ~u(90 degree), got: 0 meter"
+      assert mistake(
+               joint.(
+                 :revolute,
+                 "limit lower: ~u(0 meter), upper: ~u(90 degree), effort: ~u(1 newton_meter), velocity: ~u(1 radian_per_second)"
+               )
+             ).reason =~
+               "limit: Expected unit 0 meter of :lower to be compatible with degree: `meter` is not compatible with a `revolute` joint"
 
-      assert mistake(joint.(:prismatic, "limit effort: ~u(1 newton_meter)")).reason =~
-               "invalid value for :effort option: expected a force such as ~u(10 newton), got: 1 newton meter"
+      assert mistake(
+               joint.(
+                 :prismatic,
+                 "limit effort: ~u(1 newton_meter), velocity: ~u(1 meter_per_second)"
+               )
+             ).reason =~
+               "limit: Expected unit 1 newton meter of :effort to be compatible with newton: `newton-meter` is not compatible with a `prismatic` joint"
 
       assert mistake(joint.(:fixed, "origin x: ~u(1 degree)")).reason =~
                "invalid value for :x option: expected a length such as ~u(0.1 meter), got: 1 degree"
@@ -590,7 +629,7 @@ defmodule BB.DslTest do
           topology do
             link :b do
               joint :j, type: :revolute do
-                limit lower: ~u(90 degree), upper: ~u(-90 degree)
+                limit lower: ~u(90 degree), upper: ~u(-90 degree), effort: ~u(1 newton_meter), velocity: ~u(1 radian_per_second)
                 link :a
               end
             end
@@ -605,14 +644,23 @@ defmodule BB.DslTest do
       assert error.line == 4
 
       assert error.reason ==
-               "sensor :s: String does not implement BB.Sensor; add `use BB.Sensor` to it"
+               "sensor :s: String must implement the BB.Sensor behaviour; add `use BB.Sensor` to it"
     end
 
-    test "a child that does not exist" do
-      error = mistake("  sensors do\n    sensor :s, BB.Sensor.Nonesuch\n  end")
+    test "not a child that cannot be loaded, of which a warning tells" do
+      warning =
+        capture_io(:stderr, fn ->
+          declared =
+            robot do
+              sensors do
+                sensor :s, BB.Sensor.Nonesuch
+              end
+            end
 
-      assert error.reason =~
-               "sensor :s: module BB.Sensor.Nonesuch does not exist; correct its name"
+          assert Map.keys(declared.robot().sensors) == [:s]
+        end)
+
+      assert warning =~ "sensor :s: module BB.Sensor.Nonesuch cannot be loaded"
     end
 
     test "a child that is neither a module nor a module with keywords" do
@@ -636,10 +684,10 @@ defmodule BB.DslTest do
 
     test "a field that the entity does not have" do
       assert mistake("sensors do\n sensor :s, BB.Test.Probe, require: true\n end").reason ==
-               "a sensor has no :require; it takes :required, :retain, :max_silence, :transmission"
+               "a sensor has no :require; it takes :required, :retain, :max_silence, :transmission, :estimator"
 
       assert mistake("settings nme: :x").reason ==
-               "settings has no :nme; it takes :name, :topic_prefix, :parameter_store, :registry_module, :registry_options, :supervisor_module"
+               "settings has no :nme; it takes :name, :topic_prefix, :parameter_store, :registry_module, :registry_options, :supervisor_module, :topology_max_restarts, :topology_max_seconds"
     end
 
     test "a field that is given twice" do
@@ -647,7 +695,7 @@ defmodule BB.DslTest do
                "name is given twice; keep one of them"
 
       error = mistake("settings name: :a\n settings name: :b")
-      assert error.reason == "settings is given twice, first at lib/robot.ex:3; keep one of them"
+      assert error.reason == "name is given twice; keep one of them"
     end
 
     test "a value of the wrong type" do
@@ -692,7 +740,7 @@ defmodule BB.DslTest do
         """)
 
       assert error.path == [:topology, :base, :j, :tip]
-      assert error.reason == "type cannot stand in a link; it belongs in a joint or a parameter"
+      assert error.reason =~ "type cannot stand in a link; it belongs in a joint or a parameter"
 
       error =
         mistake("""
@@ -706,7 +754,7 @@ defmodule BB.DslTest do
           end
         """)
 
-      assert error.reason == "joint cannot stand in a joint; it belongs in a link"
+      assert error.reason =~ "joint cannot stand in a joint; it belongs in topology or a link"
     end
   end
 
@@ -753,7 +801,11 @@ defmodule BB.DslTest do
 
             joint :shoulder, type: :revolute do
               origin z: ~u(0.1 meter)
-              limit lower: ~u(-90 degree), upper: ~u(90 degree)
+
+              limit lower: ~u(-90 degree),
+                    upper: ~u(90 degree),
+                    effort: ~u(1 newton_meter),
+                    velocity: ~u(1 radian_per_second)
 
               sensor :encoder, BB.Test.Probe do
                 max_silence ~u(1 second)
@@ -783,24 +835,7 @@ defmodule BB.DslTest do
 
     test "name every word of the DSL", %{words: words} do
       modules = [
-        BB.Dsl.Robot,
-        BB.Dsl.Words.Settings,
-        BB.Dsl.Words.Parameters,
-        BB.Dsl.Words.Param,
-        BB.Dsl.Words.Controller,
-        BB.Dsl.Words.Actuator,
-        BB.Dsl.Words.Transmission,
-        BB.Dsl.Component,
-        BB.Dsl.Words.Sensor,
-        BB.Dsl.Words.Topology,
-        BB.Dsl.Words.Link,
-        BB.Dsl.Words.Joint,
-        BB.Dsl.Words.Origin,
-        BB.Dsl.Words.Axis,
-        BB.Dsl.Words.Limit,
-        BB.Dsl.Words.Dynamics,
-        BB.Dsl.Simulation,
-        BB.Dsl.Words.SimulatedBus
+        BB.Dsl.Robot | for(kind <- Grammar.kinds(), kind != :robot, do: Words.module(kind))
       ]
 
       defined =
@@ -809,6 +844,7 @@ defmodule BB.DslTest do
             arity > 0,
             do: {word, arity}
 
+      assert Enum.sort(Enum.uniq(defined)) == Grammar.calls()
       assert Enum.sort(Enum.uniq(defined)) == Enum.sort(words)
     end
   end

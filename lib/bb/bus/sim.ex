@@ -15,7 +15,7 @@ defmodule BB.Bus.Sim do
       iex> BB.Bus.Sim.I2C.write_read(bus, 0x68, <<0x75>>, 1)
       {:error, :i2c_nak}
 
-  A robot that declares the devices of its buses (`simulation do … end`, `BB.Dsl.Simulation`)
+  A robot that declares the devices of its buses (`simulation do … end`, `BB.Dsl.Robot`)
   needs no `start_link/1`. With `config :ganglion, simulated_buses: %{…}` the application starts
   buses.
 

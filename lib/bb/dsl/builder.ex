@@ -8,11 +8,11 @@ defmodule BB.Dsl.Builder do
   """
   @moduledoc no_example: "internal: the words of BB.Dsl call it"
 
-  alias BB.Dsl.{Error, Grammar, Node, References, Rules}
+  alias BB.Dsl.{Commands, Error, Estimators, Grammar, Node, References, Rules, Warnings}
 
   @state :bb_dsl
 
-  defstruct [:module, stack: [], unnamed: %{}, seen: %{}]
+  defstruct [:module, stack: [], seen: %{}]
 
   @doc "Begins the declaration of a robot."
   @spec start(module(), Node.place()) :: :ok
@@ -26,10 +26,29 @@ defmodule BB.Dsl.Builder do
   def finish(module) do
     %__MODULE__{stack: [root]} = state = load(module)
     root = order_nodes(root)
-    check_references(state, root, root, References.definitions(root))
-    check_topics(state, root, (Node.fields_of(root, :settings) || %{})[:topic_prefix])
+    check_whole(state, root)
+    Warnings.print(module, root)
     Module.delete_attribute(module, @state)
     root
+  end
+
+  # A reference may stand above the declaration of its parameter, and the settings below the
+  # components.
+  defp check_whole(state, root) do
+    definitions = References.definitions(root)
+    prefix = Node.section_fields(root, :settings)[:topic_prefix]
+
+    check_nodes(state, root, root, fn node, parent ->
+      with :ok <- References.check(node, parent, definitions),
+           :ok <- Rules.check_topics(node, prefix),
+           :ok <- Commands.check(node, root),
+           do: Estimators.check(node, root)
+    end)
+  end
+
+  defp check_nodes(state, node, parent, check) do
+    check!(state, node, node.place, check.(node, parent))
+    Enum.each(node.nodes, &check_nodes(state, &1, node, check))
   end
 
   @doc """
@@ -38,28 +57,36 @@ defmodule BB.Dsl.Builder do
   @spec open(module(), atom(), [term()], keyword(), Node.place()) :: :ok
   def open(module, kind, arguments, fields, place) do
     state = load(module)
-    {name, arguments} = take_name(state, kind, arguments, place)
     parent = hd(state.stack)
-    check!(state, parent, place, Rules.check_place(kind, name, parent))
+    unless Keyword.keyword?(fields), do: refuse_fields!(state, place, fields)
+    {name, arguments, fields} = take_name(state, kind, arguments, fields, place)
+    check!(state, parent, place, Rules.check_place(kind, name, parent, roots(state)))
 
     node = %Node{
       kind: kind,
       name: name,
-      child: List.first(arguments),
       path: parent.path ++ [name || kind],
+      parent: parent.kind,
       place: place
     }
 
+    {node, more} = put_arguments(node, arguments)
     save(%{put_name(state, node) | stack: [node | state.stack]})
-    set_all(module, fields, place)
+    Enum.each(more ++ fields, fn {field, value} -> set_or_open(module, field, value, place) end)
   end
 
   @doc "Sets a field of the innermost entity."
   @spec set(module(), atom(), term(), Node.place()) :: :ok
   def set(module, field, value, place) do
     %{stack: [node | rest]} = state = load(module)
-    value = check!(state, node, place, Rules.check_field(node, field, value))
-    save(%{state | stack: [%{node | fields: Map.put(node.fields, field, value)} | rest]})
+
+    if field == :name and Grammar.nameless?(node.kind) do
+      rename(state, node, value, place)
+    else
+      taken = Map.merge(earlier_fields(state, node), node.fields)
+      value = check!(state, node, place, Rules.check_field(node, field, value, taken))
+      save(%{state | stack: [%{node | fields: Map.put(node.fields, field, value)} | rest]})
+    end
   end
 
   @doc "Ends the innermost entity."
@@ -70,32 +97,21 @@ defmodule BB.Dsl.Builder do
     save(%{state | stack: [%{parent | nodes: [order_nodes(node) | parent.nodes]} | rest]})
   end
 
-  # A reference may stand above the declaration of its parameter.
-  defp check_references(state, node, parent, definitions) do
-    check!(state, node, node.place, References.check(node, parent, definitions))
-    Enum.each(node.nodes, &check_references(state, &1, node, definitions))
+  @doc "Refuses a word that cannot stand in the innermost entity."
+  @spec refuse(module(), atom(), Node.place()) :: no_return()
+  def refuse(module, word, place) do
+    %{stack: [node | _]} = state = load(module)
+    raise_error!(state, node, place, Rules.unknown(word, node.kind))
   end
 
-  # The settings may stand below the components.
-  defp check_topics(state, node, prefix) do
-    check!(state, node, node.place, Rules.check_topics(node, prefix))
-    Enum.each(node.nodes, &check_topics(state, &1, prefix))
-  end
-
-  defp set_all(module, fields, place) do
-    unless Keyword.keyword?(fields) do
-      state = load(module)
-      raise_error!(state, hd(state.stack), place, "expected keywords, got: #{inspect(fields)}")
-    end
-
-    Enum.each(fields, fn {field, value} -> set_or_open(module, field, value, place) end)
-  end
+  defp refuse_fields!(state, place, fields),
+    do: raise_error!(state, hd(state.stack), place, "expected keywords, got: #{inspect(fields)}")
 
   # `limit: [lower: …]` among a joint's keywords is the entity `limit lower: …`.
   defp set_or_open(module, field, value, place) do
     %{stack: [%{kind: kind} | _]} = load(module)
 
-    if field in Grammar.entities(kind) and not Grammar.named?(field) do
+    if field in Grammar.entities(kind) and 0 in Grammar.arities(field) do
       open(module, field, [], value, place)
       close(module)
     else
@@ -103,42 +119,88 @@ defmodule BB.Dsl.Builder do
     end
   end
 
-  defp take_name(state, kind, arguments, place) do
+  # The arguments behind the name: a component's child, or a field.
+  defp put_arguments(node, arguments) do
+    node.kind
+    |> Grammar.arguments()
+    |> Keyword.delete(:name)
+    |> Keyword.keys()
+    |> Enum.zip(arguments)
+    |> Enum.reduce({node, []}, fn
+      {:child, child}, {node, more} -> {%{node | child: child}, more}
+      field, {node, more} -> {node, more ++ [field]}
+    end)
+  end
+
+  defp take_name(state, kind, arguments, fields, place) do
     cond do
       not Grammar.named?(kind) ->
-        {nil, arguments}
+        {nil, arguments, fields}
 
-      arguments == [] and Grammar.nameless?(kind) ->
-        {unnamed(state, kind), []}
+      arguments in [[], [nil]] and Grammar.nameless?(kind) ->
+        {name, fields} = Keyword.pop(fields, :name)
+        {given_name(state, kind, name, place), [], fields}
+
+      match?([nil | _], arguments) and kind in Grammar.components() ->
+        {unnamed(state, kind), tl(arguments), fields}
 
       true ->
-        parent = hd(state.stack)
-        name = List.first(arguments)
-        check!(state, parent, place, Rules.check_name(kind, name, parent.kind))
-        {name, Enum.drop(arguments, 1)}
+        {given_name(state, kind, List.first(arguments), place), Enum.drop(arguments, 1), fields}
     end
   end
 
-  defp unnamed(state, kind), do: :"#{kind}_#{Map.get(state.unnamed, kind, 0)}"
+  defp given_name(state, kind, name, place) do
+    if name == nil and Grammar.nameless?(kind) do
+      unnamed(state, kind)
+    else
+      parent = hd(state.stack)
+      check!(state, parent, place, Rules.check_name(kind, name, parent.kind))
+      name
+    end
+  end
+
+  # :link_0, or the next name that is free.
+  defp unnamed(state, kind) do
+    0
+    |> Stream.iterate(&(&1 + 1))
+    |> Stream.map(&:"#{kind}_#{&1}")
+    |> Enum.find(&(not Map.has_key?(state.seen, {:unique, &1})))
+  end
+
+  # `collision do name :body … end`: the automatic name is free again.
+  defp rename(%{stack: [_ | rest]} = state, node, name, place) do
+    check!(state, node, place, Rules.check_name(node.kind, name, node.parent))
+    state = %{state | seen: Map.delete(state.seen, namespace(node))}
+    node = %{node | name: name, path: List.delete_at(node.path, -1) ++ [name]}
+    save(%{put_name(state, node) | stack: [node | rest]})
+  end
 
   defp put_name(state, %{name: nil}), do: state
 
-  defp put_name(state, %{kind: kind, name: name} = node) do
-    key = namespace(kind, node.path)
+  defp put_name(state, node) do
+    key = namespace(node)
     check!(state, node, node.place, Rules.check_unique(node, state.seen[key]))
-
-    state = %{state | seen: Map.put(state.seen, key, node)}
-
-    if name == unnamed(state, kind),
-      do: %{state | unnamed: Map.update(state.unnamed, kind, 1, &(&1 + 1))},
-      else: state
+    %{state | seen: Map.put(state.seen, key, node)}
   end
 
-  # The groups of a parameter are part of its name; all other names hold for the whole robot.
-  defp namespace(kind, path) when kind in [:param, :group], do: {:param, path}
-  defp namespace(kind, path) when kind in [:link, :joint], do: {kind, List.last(path)}
-  defp namespace(kind, path) when kind in [:i2c, :gpio, :device], do: {kind, path}
-  defp namespace(_kind, path), do: {:component, List.last(path)}
+  # The groups of a parameter are part of its name.
+  defp namespace(%{kind: kind, path: path}) when kind in [:param, :group], do: {:param, path}
+
+  defp namespace(%{kind: kind} = node) do
+    if Grammar.unique?(kind), do: {:unique, node.name}, else: {kind, node.path}
+  end
+
+  # Sections of one kind add up.
+  defp earlier_fields(state, node) do
+    if node.parent == :robot, do: Node.section_fields(root(state), node.kind), else: %{}
+  end
+
+  defp roots(state) do
+    open = for %{kind: :topology} = node <- state.stack, link <- Node.nodes(node, :link), do: link
+    Node.in_sections(root(state), :topology, :link) ++ open
+  end
+
+  defp root(state), do: List.last(state.stack)
 
   defp check!(_state, _node, _place, :ok), do: :ok
   defp check!(_state, _node, _place, {:ok, value}), do: value

@@ -29,24 +29,43 @@ defmodule BB.Dsl.Child do
   """
   @spec check(term(), module()) :: :ok | {:error, String.t()}
   def check(child, behaviour) do
+    with {:ok, module, _options} <- parse(child),
+         :ok <- check_exists(module),
+         do: check_if_loaded(child, behaviour)
+  end
+
+  @doc """
+  Checks a child as `check/2` does, but its module only if it can be loaded.
+  """
+  @spec check_if_loaded(term(), module()) :: :ok | {:error, String.t()}
+  def check_if_loaded(child, behaviour) do
     with {:ok, module, options} <- parse(child),
          :ok <- check_behaviour(module, behaviour),
          do: check_options(options)
   end
 
-  defp check_behaviour(module, behaviour) do
+  @doc "Checks that the options of a child can be compiled into the robot's module."
+  @spec check_constant(term()) :: :ok | {:error, String.t()}
+  def check_constant(child),
+    do: with({:ok, _module, options} <- parse(child), do: check_options(options))
+
+  # An unavailable module waits for this robot to compile.
+  defp check_exists(module) do
     case Code.ensure_compiled(module) do
-      {:module, _} ->
-        check_declared(module, behaviour)
-
-      # The module waits for this robot to compile, so it cannot be checked yet.
-      {:error, :unavailable} ->
-        :ok
-
-      {:error, _} ->
+      {:error, reason} when reason != :unavailable ->
         {:error,
          "module #{inspect(module)} does not exist; correct its name, " <>
            "or define it above the robot or in a file of its own"}
+
+      _ ->
+        :ok
+    end
+  end
+
+  defp check_behaviour(module, behaviour) do
+    case Code.ensure_compiled(module) do
+      {:module, _} -> check_declared(module, behaviour)
+      {:error, _} -> :ok
     end
   end
 
@@ -55,7 +74,7 @@ defmodule BB.Dsl.Child do
       :ok
     else
       {:error,
-       "#{inspect(module)} does not implement #{inspect(behaviour)}; " <>
+       "#{inspect(module)} must implement the #{inspect(behaviour)} behaviour; " <>
          "add `#{declaration(behaviour)}` to it"}
     end
   end

@@ -1,35 +1,97 @@
 defmodule BB.Dsl.Compiler do
   @moduledoc """
-  Turns the checked declaration of a robot (`BB.Dsl.Node`) into a `BB.Robot`. `BB.Dsl` calls it
-  when a robot's module compiles.
+  Turns the checked declaration of a robot (`BB.Dsl.Node`) into the structs that `BB.Dsl.Info`
+  returns. `BB.Dsl` calls it when a robot's module compiles; `BB.Robot.Builder` makes the
+  `BB.Robot` of the result.
   """
-  @moduledoc no_example: "internal: R.robot() returns its result"
+  @moduledoc no_example: "internal: BB.Dsl.Info returns its result"
 
-  alias BB.{Component, Robot, Transmission}
-  alias BB.Dsl.{Child, Grammar, Node, References}
-  alias BB.Parameter.Reference
+  alias BB.Dsl.{Child, Commands, Grammar, Node, References}
 
-  @behaviours %{sensor: BB.Sensor, actuator: BB.Actuator, controller: BB.Controller}
-  @collections %{sensor: :sensors, actuator: :actuators, controller: :controllers}
+  @typedoc "A declaration: the entities of each section, and what is not an entity."
+  @type declaration :: %{
+          settings: %{atom() => term()},
+          topology: [struct()],
+          sensors: [struct()],
+          controllers: [struct()],
+          parameters: [struct()],
+          definitions: [BB.Parameter.Definition.t()],
+          commands: [struct()],
+          states: [struct()],
+          initial_state: atom(),
+          simulation: %{i2c: list(), gpio: list()}
+        }
 
-  @doc "Returns the robot that `node` declares."
-  @spec robot(module(), Node.t()) :: Robot.t()
-  def robot(module, %Node{kind: :robot} = node) do
-    %Robot{name: module, settings: Node.fields_of(node, :settings) || %{}}
-    |> Map.put(:parameters, parameters(node))
-    |> reduce(Node.nodes(node, :sensors), &add_components(&2, &1, [], nil))
-    |> reduce(Node.nodes(node, :controllers), &add_components(&2, &1, [], nil))
-    |> reduce(Node.nodes(node, :topology), &add_topology/2)
-    |> Map.put(:simulation, simulation(node))
-    |> Map.update!(:components, &Enum.reverse/1)
-    |> put_subscriptions()
+  @doc "Returns the declaration of a tree."
+  @spec declaration(Node.t()) :: declaration()
+  def declaration(%Node{kind: :robot} = root) do
+    %{
+      settings: Node.section_fields(root, :settings),
+      topology: entities(root, :topology, [:link]) ++ entities(root, :topology, [:joint]),
+      sensors: entities(root, :sensors, [:sensor]),
+      controllers: entities(root, :controllers, [:controller]),
+      parameters: entities(root, :parameters, [:param, :group, :bridge]),
+      definitions: definitions(root),
+      commands: entities(root, :commands, [:command, :category]),
+      states: entities(root, :states, [:state]),
+      initial_state: Map.get(Node.section_fields(root, :states), :initial_state, :idle),
+      simulation: simulation(root)
+    }
   end
 
-  defp simulation(node) do
-    sections = Node.nodes(node, :simulation)
+  defp entities(root, section, kinds) do
+    for node <- Node.nodes(root, section),
+        inner <- node.nodes,
+        inner.kind in kinds,
+        do: entity(inner)
+  end
 
+  @doc "Returns the struct of an entity, with the structs of the entities inside it."
+  @spec entity(Node.t()) :: struct()
+  def entity(%Node{} = node) do
+    node.kind
+    |> Grammar.struct_of()
+    |> struct!(Map.merge(own_fields(node), inner_fields(node)))
+    |> complete()
+  end
+
+  defp own_fields(node) do
+    node.fields
+    |> Map.merge(if node.name, do: %{name: node.name}, else: %{})
+    |> Map.merge(if node.child, do: %{child_spec: node.child}, else: %{})
+  end
+
+  defp inner_fields(node) do
+    node.kind
+    |> Grammar.holds()
+    |> Enum.group_by(&elem(&1, 1), &elem(&1, 0))
+    |> Enum.flat_map(fn {{number, key}, kinds} ->
+      node.nodes |> Enum.filter(&(&1.kind in kinds)) |> Enum.map(&entity/1) |> field(number, key)
+    end)
+    |> Map.new()
+  end
+
+  defp field([], _number, _key), do: []
+  defp field([entity], :one, key), do: [{key, entity}]
+  defp field(entities, :many, key), do: [{key, entities}]
+
+  defp complete(%BB.Dsl.Command{category: nil} = command),
+    do: Commands.flagged(%{command | category: :default})
+
+  defp complete(%BB.Dsl.Command{} = command), do: Commands.flagged(command)
+  defp complete(entity), do: entity
+
+  # In the order of the declaration.
+  defp definitions(root) do
+    definitions = References.definitions(root)
+
+    for %Node{kind: :param, path: [:parameters | path]} <- Node.all(root),
+        do: Map.fetch!(definitions, path)
+  end
+
+  defp simulation(root) do
     for kind <- [:i2c, :gpio], into: %{} do
-      buses = for section <- sections, bus <- Node.nodes(section, kind), do: bus
+      buses = Node.in_sections(root, :simulation, kind)
       {kind, Enum.map(buses, &{&1.name, Map.to_list(&1.fields) ++ [devices: devices(&1)]})}
     end
   end
@@ -40,129 +102,4 @@ defmodule BB.Dsl.Compiler do
       {device.name, {module, options}}
     end
   end
-
-  # In the order of the declaration.
-  defp parameters(node) do
-    definitions = References.definitions(node)
-    for path <- param_paths(Node.nodes(node, :parameters)), do: Map.fetch!(definitions, path)
-  end
-
-  defp param_paths(nodes) do
-    Enum.flat_map(nodes, fn
-      %Node{kind: :param, path: [:parameters | path]} -> [path]
-      %Node{nodes: nodes} -> param_paths(nodes)
-    end)
-  end
-
-  defp add_topology(section, robot) do
-    reduce(robot, Node.nodes(section, :link), fn link, robot ->
-      add_link(%{robot | root_link: link.name}, link, [], nil)
-    end)
-  end
-
-  defp add_link(robot, node, above, parent_joint) do
-    path = above ++ [node.name]
-
-    link = %Robot.Link{
-      name: node.name,
-      parent_joint: parent_joint,
-      child_joints: names(node, :joint),
-      sensors: names(node, :sensor)
-    }
-
-    %{robot | links: Map.put(robot.links, node.name, link)}
-    |> add_components(node, path, {:link, node.name})
-    |> reduce(Node.nodes(node, :joint), fn joint, robot ->
-      add_joint(robot, joint, path, node.name)
-    end)
-  end
-
-  defp add_joint(robot, node, above, parent_link) do
-    path = above ++ [node.name]
-    [child] = Node.nodes(node, :link)
-
-    joint = %Robot.Joint{
-      name: node.name,
-      type: node.fields.type,
-      parent_link: parent_link,
-      child_link: child.name,
-      origin: Node.fields_of(node, :origin),
-      axis: Node.fields_of(node, :axis),
-      limit: Node.fields_of(node, :limit),
-      dynamics: Node.fields_of(node, :dynamics),
-      sensors: names(node, :sensor),
-      actuators: names(node, :actuator)
-    }
-
-    %{robot | joints: Map.put(robot.joints, node.name, joint)}
-    |> add_components(node, path, {:joint, node.name})
-    |> add_link(child, path, node.name)
-  end
-
-  defp add_components(robot, node, path, place) do
-    components = Enum.filter(node.nodes, &(&1.kind in Grammar.components()))
-    reduce(robot, components, &add_component(&2, &1, path, place))
-  end
-
-  defp add_component(robot, %{name: name, kind: kind} = node, path, place) do
-    component = component(node, path, place)
-    attached = Map.take(component, [:name, :attached_to, :transmission])
-
-    robot
-    |> Map.update!(@collections[kind], &Map.put(&1, name, attached))
-    |> Map.update!(:components, &[component | &1])
-  end
-
-  defp component(node, path, place) do
-    {:ok, module, options} = Child.parse(node.child)
-
-    %Component{
-      name: node.name,
-      kind: @behaviours[node.kind],
-      module: module,
-      options: options,
-      path: path ++ [node.name],
-      attached_to: place,
-      transmission: transmission(Node.fields_of(node, :transmission)),
-      required: Map.get(node.fields, :required, false),
-      retain: Map.get(node.fields, :retain, false),
-      max_silence_ns: nanoseconds(node.fields[:max_silence])
-    }
-  end
-
-  defp transmission(nil), do: nil
-  defp transmission(fields), do: Transmission.new(fields)
-
-  defp nanoseconds(nil), do: nil
-  defp nanoseconds(%BB.Unit{} = time), do: round(BB.Unit.convert!(time, :nanosecond).value)
-
-  # Places that follow parameters
-
-  defp put_subscriptions(robot) do
-    places =
-      Enum.flat_map(robot.components, &places_in_component/1) ++
-        Enum.flat_map(robot.joints, &places_in_joint/1)
-
-    followed = Enum.group_by(places, &elem(&1, 0), &elem(&1, 1))
-    %{robot | param_subscriptions: followed}
-  end
-
-  defp places_in_component(component) do
-    place = [:"#{component.kind.component_kind()}s", component.name]
-    places(component.options, place) ++ places(component.transmission, place ++ [:transmission])
-  end
-
-  defp places_in_joint({name, joint}) do
-    Enum.flat_map([:origin, :axis, :limit], fn field ->
-      joint |> Map.fetch!(field) |> places([:joints, name, field])
-    end)
-  end
-
-  defp places(nil, _place), do: []
-
-  defp places(fields, place),
-    do: for({key, %Reference{path: path}} <- fields, do: {path, place ++ [key]})
-
-  defp names(node, kind), do: for(child <- Node.nodes(node, kind), do: child.name)
-  defp reduce(robot, nodes, change), do: Enum.reduce(nodes, robot, change)
 end

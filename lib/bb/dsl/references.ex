@@ -10,8 +10,7 @@ defmodule BB.Dsl.References do
 
   alias BB.Bus.Sim.GPIO.Part
   alias BB.Bus.Sim.Place
-  alias BB.Dsl.{Child, Grammar, Node}
-  alias BB.Dsl.Rules
+  alias BB.Dsl.{Child, Fields, Joints, Node, Quantities, Rules}
   alias BB.Parameter.{Definition, Reference}
 
   # The lines of a simulated chip that declares no number of lines.
@@ -22,14 +21,10 @@ defmodule BB.Dsl.References do
   @doc "Returns the parameters of a robot's declaration, by their paths."
   @spec definitions(Node.t()) :: definitions()
   def definitions(root) do
-    for section <- Node.nodes(root, :parameters), node <- params(section), into: %{} do
+    for %Node{kind: :param} = node <- Node.all(root), into: %{} do
       {:ok, definition} = definition(node)
       {definition.path, definition}
     end
-  end
-
-  defp params(node) do
-    Node.nodes(node, :param) ++ Enum.flat_map(Node.nodes(node, :group), &params/1)
   end
 
   @doc "Returns the definition of a `param`, or its mistake."
@@ -39,27 +34,18 @@ defmodule BB.Dsl.References do
 
   @doc "Checks that everything to which `node` refers exists and fits."
   @spec check(Node.t(), Node.t(), definitions()) :: Rules.verdict()
-  def check(%Node{kind: kind} = node, parent, definitions)
-      when kind in [:sensor, :actuator, :controller] do
+  def check(%Node{kind: kind} = node, _parent, definitions)
+      when kind in [:sensor, :actuator, :controller, :bridge, :estimator] do
     {:ok, _module, options} = Child.parse(node.child)
-
-    with :ok <- check_in_joint(node, parent),
-         do: all(options, fn {key, value} -> check_option(key, value, definitions) end)
+    all(options, fn {key, value} -> check_option(key, value, definitions) end)
   end
 
-  def check(%Node{kind: :joint} = joint, _parent, definitions) do
-    type = joint.fields.type
-
-    with :ok <- check_fields(joint, :limit, Grammar.limit_fields(type), definitions) do
-      joint.nodes
-      |> Enum.filter(&(&1.kind in Grammar.components()))
-      |> all(&check_transmission(&1, Grammar.transmission_fields(type), definitions))
-    end
+  def check(%Node{kind: :joint, fields: %{type: type}} = joint, _parent, definitions) do
+    all(Joints.measured(joint), fn {node, words} ->
+      with {:error, reason} <- check_fields(node, type, definitions),
+           do: {:error, words <> reason}
+    end)
   end
-
-  def check(%Node{kind: kind, fields: fields}, _parent, definitions)
-      when kind in [:origin, :axis],
-      do: fields |> Enum.sort() |> all(&check_field(&1, Grammar.fields(kind), definitions))
 
   def check(%Node{kind: :device} = node, bus, _definitions) do
     {:ok, module, options} = Child.parse(node.child)
@@ -72,36 +58,27 @@ defmodule BB.Dsl.References do
     end
   end
 
-  def check(_node, _parent, _definitions), do: :ok
+  # A joint checks these itself, with its type.
+  def check(%Node{kind: kind, parent: parent}, _parent, _definitions)
+      when kind in [:limit, :dynamics] or (kind == :transmission and parent == :joint),
+      do: :ok
 
-  defp check_in_joint(%{name: name, kind: kind} = node, %{kind: parent}) do
-    if parent != :joint and Node.nodes(node, :transmission) != [] do
-      {:error,
-       "#{kind} #{inspect(name)} has a transmission and stands in " <>
-         "#{Grammar.describe(parent)}; move it into a joint, or remove the transmission"}
-    else
-      :ok
-    end
+  def check(%Node{} = node, _parent, definitions), do: check_fields(node, nil, definitions)
+
+  # Fields of entities. A parameter fits a field when its default does.
+
+  defp check_fields(node, type, definitions) do
+    node.fields
+    |> Enum.sort()
+    |> all(fn
+      {field, %Reference{} = reference} -> check_field(node, field, reference, type, definitions)
+      _value -> :ok
+    end)
   end
 
-  # Fields of entities
-
-  defp check_transmission(component, schema, definitions) do
-    with {:error, reason} <- check_fields(component, :transmission, schema, definitions),
-         do: {:error, "#{component.kind} #{inspect(component.name)}: #{reason}"}
-  end
-
-  defp check_fields(node, kind, schema, definitions) do
-    fields = Node.fields_of(node, kind) || %{}
-
-    with {:error, reason} <- fields |> Enum.sort() |> all(&check_field(&1, schema, definitions)),
-         do: {:error, "#{kind}: #{reason}"}
-  end
-
-  # A parameter fits a field when its default does.
-  defp check_field({field, %Reference{} = reference}, schema, definitions) do
+  defp check_field(node, field, reference, type, definitions) do
     with {:ok, definition} <- find(field, reference, definitions),
-         {:error, reason} <- check_field({field, definition.default}, schema, definitions) do
+         {:error, reason} <- check_value(node.kind, field, definition.default, type) do
       {:error, "#{show(reference)} does not fit: #{reason}"}
     else
       {:error, reason} -> {:error, reason}
@@ -109,10 +86,11 @@ defmodule BB.Dsl.References do
     end
   end
 
-  defp check_field({_field, nil}, _schema, _definitions), do: :ok
+  defp check_value(_kind, _field, nil, _type), do: :ok
 
-  defp check_field({field, value}, schema, _definitions) do
-    with {:ok, _value} <- Grammar.cast(schema, field, value), do: :ok
+  defp check_value(kind, field, value, type) do
+    with {:ok, value} <- Fields.cast(Fields.of(kind), field, value),
+         do: Quantities.check(field, value, type)
   end
 
   # Options of components

@@ -3,20 +3,32 @@ defmodule BB.Dsl.Rules do
   The rules that each entity of a declaration keeps by itself. Pure.
 
   `BB.Dsl.Builder` checks them when an entity begins, gets a field, or ends. Each check returns
-  `:ok` or `{:error, reason}` with the mistake and its remedy. `BB.Dsl.References` has the rules
-  that need the whole declaration.
+  `:ok` or `{:error, reason}` with the mistake and its remedy. `BB.Dsl.Joints` has the rules for
+  joints, `BB.Dsl.References` and `BB.Dsl.Commands` those that need the whole declaration.
 
       iex> BB.Dsl.Rules.check_name(:link, "arm", :topology)
       {:error, ~s(the name of a link must be an atom such as :my_link, got: "arm")}
   """
 
-  alias BB.Dsl.{Child, Error, Grammar, Node, References}
+  alias BB.Dsl.{Child, Error, Fields, Grammar, Joints, Node, References}
   alias BB.Parameter.Reference
-  alias BB.{Path, Topic, Unit}
+  alias BB.{Path, Topic}
 
-  @behaviours %{sensor: BB.Sensor, actuator: BB.Actuator, controller: BB.Controller}
+  @behaviours %{
+    sensor: BB.Sensor,
+    actuator: BB.Actuator,
+    controller: BB.Controller,
+    bridge: Module.concat(["BB", "Bridge"]),
+    estimator: Module.concat(["BB", "Estimator"])
+  }
+
+  @reserved_states BB.Dsl.State.reserved_names()
 
   @type verdict :: :ok | {:error, String.t()}
+
+  @doc "Returns the behaviour of an entity's child, or `nil` for an entity without one."
+  @spec behaviour(atom()) :: module() | nil
+  def behaviour(kind), do: @behaviours[kind]
 
   @doc "Checks the name of an entity of `kind` inside an entity of the kind `parent`."
   @spec check_name(atom(), term(), atom()) :: verdict()
@@ -43,6 +55,14 @@ defmodule BB.Dsl.Rules do
   # check_place/3 refuses a device outside of a bus.
   def check_name(:device, _name, parent) when parent != :gpio, do: :ok
 
+  def check_name(:state, name, _parent) when name in @reserved_states do
+    {:error,
+     """
+     Cannot define a state named #{inspect(name)}: the name belongs to the safety system; \
+     give the state another name\
+     """}
+  end
+
   def check_name(_kind, name, _parent)
       when is_atom(name) and name not in [nil, true, false],
       do: :ok
@@ -51,15 +71,28 @@ defmodule BB.Dsl.Rules do
     {:error, "the name of a #{kind} must be an atom such as :my_#{kind}, got: #{inspect(name)}"}
   end
 
-  @doc "Checks that an entity may stand inside `parent`, which is still open."
-  @spec check_place(atom(), atom(), Node.t()) :: verdict()
-  def check_place(kind, name, parent) do
+  @doc """
+  Checks that an entity may stand inside `parent`, which is still open. `roots` are the root
+  links so far.
+  """
+  @spec check_place(atom(), atom(), Node.t(), [Node.t()]) :: verdict()
+  def check_place(kind, name, parent, roots) do
     cond do
       kind not in Grammar.entities(parent.kind) -> {:error, misplaced(kind, parent.kind)}
+      inputs_of_sensor?(kind, parent) -> {:error, no_inputs(kind)}
       Grammar.named?(kind) and too_deep?(parent) -> {:error, too_deep(kind, name, parent)}
-      Grammar.named?(kind) and kind != :link -> :ok
-      true -> check_single(kind, name, parent, Node.nodes(parent, kind))
+      kind == :link and parent.kind == :topology -> check_root(name, roots)
+      true -> check_single(kind, name, parent)
     end
+  end
+
+  # An estimator in a sensor has one input, the sensor.
+  defp inputs_of_sensor?(kind, parent),
+    do: kind == :input and parent.kind == :estimator and parent.parent == :sensor
+
+  defp no_inputs(kind) do
+    "#{kind} cannot stand in an estimator of a sensor, whose input is the sensor; " <>
+      "move the estimator into the link"
   end
 
   # The path of a component's messages is a word such as :sensor and its path in the declaration.
@@ -70,15 +103,40 @@ defmodule BB.Dsl.Rules do
       "messages would have more than #{Path.max_segments()} segments; declare it further up"
   end
 
+  defp check_root(_name, []), do: :ok
+
+  defp check_root(name, [first | _]) do
+    {:error,
+     """
+     There can only be one link at the root: #{inspect(name)} is a second one beside \
+     #{inspect(first.name)}, declared at #{Error.place(first.place)}; connect \
+     #{inspect(name)} by a joint\
+     """}
+  end
+
+  defp check_single(kind, name, parent) do
+    case Grammar.holds(parent.kind)[kind] do
+      {:many, _key} -> :ok
+      {:one, key} -> check_single(kind, name, parent, occupants(parent, key))
+    end
+  end
+
   defp check_single(_kind, _name, _parent, []), do: :ok
-
-  defp check_single(:link, name, %{kind: :topology}, [first]),
-    do: {:error, two_roots(first, name)}
-
   defp check_single(:link, name, joint, [_first]), do: {:error, two_children(joint, name)}
 
-  defp check_single(kind, _name, _parent, [first]),
+  defp check_single(kind, _name, _parent, [%{kind: kind} = first]),
     do: {:error, "#{kind} is given twice, first at #{Error.place(first.place)}; keep one of them"}
+
+  defp check_single(kind, _name, parent, [first]) do
+    {:error,
+     "#{kind} is a second shape of #{Node.describe(parent)} beside #{first.kind}, given at " <>
+       "#{Error.place(first.place)}; keep one of them"}
+  end
+
+  defp occupants(parent, key) do
+    holds = Grammar.holds(parent.kind)
+    Enum.filter(parent.nodes, &(elem(holds[&1.kind], 1) == key))
+  end
 
   @doc "Checks that the name of `node` is free; `first` is the node that already has it."
   @spec check_unique(Node.t(), Node.t() | nil) :: verdict()
@@ -95,68 +153,77 @@ defmodule BB.Dsl.Rules do
   def check_unique(node, first) do
     {:error,
      """
-     #{node.kind} #{inspect(node.name)} has the name of another #{first.kind}, declared at \
-     #{Error.place(first.place)}; give each a name of its own\
+     duplicate name #{inspect(node.name)}: #{Node.describe(node)} has the name of a \
+     #{first.kind}, declared at #{Error.place(first.place)}; give each a name of its own\
      """}
   end
 
   @doc """
   Checks a field of `node`, which is still open. Returns `{:ok, value}` with the value that the
-  schema casts it to, or `{:error, reason}`.
+  schema casts it to, or `{:error, reason}`. `taken` are the fields that it has.
   """
-  @spec check_field(Node.t(), atom(), term()) :: {:ok, term()} | {:error, String.t()}
-  def check_field(node, field, value) do
-    schema = Grammar.fields(node.kind)
+  @spec check_field(Node.t(), atom(), term(), map()) :: {:ok, term()} | {:error, String.t()}
+  def check_field(node, field, value, taken) do
+    schema = Fields.of(node.kind)
 
     cond do
       not Keyword.has_key?(schema, field) -> {:error, unknown(field, node.kind)}
-      Map.has_key?(node.fields, field) -> {:error, "#{field} is given twice; keep one of them"}
-      is_struct(value, Reference) -> check_reference(node.kind, value)
-      true -> Grammar.cast(schema, field, value)
+      Map.has_key?(taken, field) -> {:error, "#{field} is given twice; keep one of them"}
+      is_struct(value, Reference) -> check_reference(node, value)
+      true -> Fields.cast(schema, field, value)
     end
   end
 
-  defp check_reference(kind, value) do
-    if Grammar.follows?(kind),
+  defp check_reference(node, value) do
+    if Grammar.follows?(node.kind) and node.parent not in [:visual, :collision],
       do: {:ok, value},
-      else: {:error, "#{Grammar.describe(kind)} follows no parameter; write the value itself"}
+      else:
+        {:error, "#{Grammar.describe(node.kind)} follows no parameter; write the value itself"}
   end
 
   @doc "Checks that `node`, which ends, has everything that it needs."
   @spec check_complete(Node.t()) :: verdict()
-  def check_complete(%Node{kind: :joint} = joint) do
-    with :ok <- check_type(joint),
-         :ok <- check_child_link(joint),
-         :ok <- check_limited(joint),
-         do: check_range(joint)
-  end
-
-  def check_complete(%Node{kind: kind, name: name, child: child} = node)
-      when is_map_key(@behaviours, kind) do
-    with :ok <- Child.check(child, @behaviours[kind]), :ok <- check_max_silence(node) do
-      :ok
-    else
-      {:error, reason} -> {:error, "#{kind} #{inspect(name)}: #{reason}"}
+  def check_complete(%Node{kind: kind} = node) do
+    case Enum.find(Fields.required(kind), &(not Map.has_key?(node.fields, &1))) do
+      nil -> check_whole(node)
+      field -> {:error, "#{Node.describe(node)} has no #{field}; add `#{field}` to it"}
     end
   end
 
-  def check_complete(%Node{kind: :device} = node) do
+  defp check_whole(%Node{kind: :joint} = joint), do: Joints.check(joint)
+  defp check_whole(%Node{kind: :axis} = axis), do: Joints.check_axis(axis)
+
+  defp check_whole(%Node{kind: kind, child: child} = node) when is_map_key(@behaviours, kind) do
+    with :ok <- Child.check_if_loaded(child, @behaviours[kind]), :ok <- check_max_silence(node) do
+      :ok
+    else
+      {:error, reason} -> {:error, "#{Node.describe(node)}: #{reason}"}
+    end
+  end
+
+  defp check_whole(%Node{kind: :command, fields: %{handler: handler}} = node) do
+    with {:error, reason} <- Child.check_constant(handler),
+         do: {:error, "#{Node.describe(node)}: #{reason}"}
+  end
+
+  defp check_whole(%Node{kind: :device} = node) do
     behaviour = if is_integer(node.name), do: BB.Bus.Sim.Device, else: BB.Bus.Sim.GPIO.Device
 
     with {:error, reason} <- Child.check(node.child, behaviour),
          do: {:error, "#{Node.describe(node)}: #{reason}"}
   end
 
-  def check_complete(%Node{kind: :param} = node) do
+  defp check_whole(%Node{kind: :param} = node) do
     with {:ok, _definition} <- References.definition(node), do: :ok
   end
 
-  def check_complete(%Node{kind: :settings, fields: %{parameter_store: store}}) do
+  defp check_whole(%Node{kind: :settings, fields: %{parameter_store: store}})
+       when store != nil do
     with {:error, reason} <- Child.check(store, BB.Parameter.Store),
          do: {:error, "parameter_store: #{reason}"}
   end
 
-  def check_complete(_node), do: :ok
+  defp check_whole(_node), do: :ok
 
   # A component without the callback measures its silence by the messages on its path.
   defp check_max_silence(%{fields: %{max_silence: _}, child: child}) do
@@ -189,7 +256,8 @@ defmodule BB.Dsl.Rules do
 
   @doc "Checks the ring topics in the options of a component, with its topic prefix."
   @spec check_topics(Node.t(), String.t() | nil) :: verdict()
-  def check_topics(%Node{kind: kind} = node, prefix) when is_map_key(@behaviours, kind) do
+  def check_topics(%Node{kind: kind} = node, prefix)
+      when kind in [:sensor, :actuator, :controller] do
     {:ok, module, options} = Child.parse(node.child)
 
     names =
@@ -198,7 +266,7 @@ defmodule BB.Dsl.Rules do
         else: []
 
     with {:error, reason} <- Enum.find_value(names, :ok, &topic_error(&1, prefix)),
-         do: {:error, "#{kind} #{inspect(node.name)}: #{reason}"}
+         do: {:error, "#{Node.describe(node)}: #{reason}"}
   end
 
   def check_topics(_node, _prefix), do: :ok
@@ -206,94 +274,27 @@ defmodule BB.Dsl.Rules do
   defp topic_error(name, prefix),
     do: with({:ok, _topic} <- Topic.resolve(name, prefix), do: nil)
 
-  # Joints
+  # Messages
 
-  defp check_type(%{fields: %{type: _}}), do: :ok
+  @doc "Returns the mistake of a word that cannot stand in an entity of `kind`."
+  @spec unknown(atom(), atom()) :: String.t()
+  def unknown(word, kind) do
+    case Grammar.homes(word) do
+      [] ->
+        "#{Grammar.describe(kind)} has no #{inspect(word)}; it takes #{list(Grammar.words(kind))}"
 
-  defp check_type(joint) do
-    {:error,
-     "joint #{inspect(joint.name)} has no type; " <>
-       "add `type` with one of #{list(Grammar.joint_types())}"}
-  end
-
-  defp check_child_link(joint) do
-    if Node.nodes(joint, :link) == [],
-      do: {:error, "joint #{inspect(joint.name)} has no child link; add `link :name` inside it"},
-      else: :ok
-  end
-
-  defp check_limited(%{fields: %{type: type}} = joint) do
-    if type in [:revolute, :prismatic] and Node.nodes(joint, :limit) == [],
-      do: {:error, unlimited(joint, type)},
-      else: :ok
-  end
-
-  defp unlimited(joint, :revolute) do
-    """
-    joint #{inspect(joint.name)} is :revolute and has no limit; add \
-    `limit lower: ~u(-90 degree), upper: ~u(90 degree)` with its own numbers, or make it \
-    :continuous\
-    """
-  end
-
-  defp unlimited(joint, :prismatic) do
-    """
-    joint #{inspect(joint.name)} is :prismatic and has no limit; add `limit lower: ~u(0 meter), \
-    upper: ~u(0.5 meter)` with its own numbers\
-    """
-  end
-
-  defp check_range(joint) do
-    limit = Node.fields_of(joint, :limit) || %{}
-
-    with :ok <- check_units(Enum.sort(limit), Grammar.limit_fields(joint.fields.type)),
-         do: check_order(limit)
-  end
-
-  defp check_units([], _schema), do: :ok
-
-  # BB.Dsl.References checks references, once all parameters are known.
-  defp check_units([{_field, %Reference{}} | rest], schema), do: check_units(rest, schema)
-
-  defp check_units([{field, value} | rest], schema) do
-    with {:ok, _value} <- Grammar.cast(schema, field, value), do: check_units(rest, schema)
-  end
-
-  defp check_order(%{lower: %Unit{} = lower, upper: %Unit{} = upper}) do
-    if Unit.compare(lower, upper) == :gt do
-      {:error,
-       "limit: lower #{Unit.to_string!(lower)} is above upper #{Unit.to_string!(upper)}; " <>
-         "swap them"}
-    else
-      :ok
+      homes ->
+        if kind in homes,
+          do: "#{word} has a wrong number of arguments; see the documentation of BB.Dsl",
+          else: misplaced(word, kind)
     end
   end
-
-  defp check_order(_limit), do: :ok
-
-  # Messages
 
   defp misplaced(word, kind) do
     homes = Enum.map_join(Grammar.homes(word), " or ", &Grammar.describe/1)
-    "#{word} cannot stand in #{Grammar.describe(kind)}; it belongs in #{homes}"
-  end
 
-  defp unknown(field, kind) do
-    case Grammar.homes(field) do
-      [] ->
-        "#{Grammar.describe(kind)} has no #{inspect(field)}; it takes " <>
-          "#{list(Grammar.words(kind))}"
-
-      _homes ->
-        misplaced(field, kind)
-    end
-  end
-
-  defp two_roots(first, name) do
-    """
-    #{inspect(name)} is a second root link beside #{inspect(first.name)}, declared at \
-    #{Error.place(first.place)}; a robot has one: connect #{inspect(name)} by a joint\
-    """
+    "#{word} cannot stand in #{Grammar.describe(kind)}; it belongs in #{homes} " <>
+      "(#{Grammar.describe(kind)} takes #{list(Grammar.words(kind))})"
   end
 
   defp two_children(joint, name) do

@@ -2,14 +2,12 @@ defmodule BB.Dsl.Vocabulary do
   @moduledoc """
   Makes the words of the DSL: macros that record the declaration of a robot's module.
 
-  The modules with words use it (`BB.Dsl.Words`). With `fields:` it defines a macro for each
-  field; a word that declares an entity is a macro which calls `entity/5`.
+  `use BB.Dsl.Vocabulary, kind: :link` defines the words that may stand inside a `link`, as
+  `BB.Dsl.Grammar` lists them: a macro for each field, and macros for each entity.
 
-      defmodule Gripper do
-        use BB.Dsl.Vocabulary, fields: [:force]
-
-        @doc "Declares a finger of the gripper."
-        defmacro finger(name), do: entity(:finger, [name], 1, [], __CALLER__)
+      defmodule InsideALink do
+        @moduledoc "The words inside `link`."
+        use BB.Dsl.Vocabulary, kind: :link
       end
 
   A block imports the words for its inside, so that they cannot clash with functions of the
@@ -17,30 +15,21 @@ defmodule BB.Dsl.Vocabulary do
   may be any expressions, and entities may stand in comprehensions.
   """
 
-  defmacro __using__(opts) do
-    quote bind_quoted: [fields: opts[:fields] || []] do
-      import BB.Dsl.Vocabulary, only: [entity: 5], warn: false
+  alias BB.Dsl.{Block, Grammar}
 
-      for field <- fields do
+  defmacro __using__(kind: kind) do
+    quote bind_quoted: [kind: kind] do
+      for field <- BB.Dsl.Grammar.field_words(kind) do
         @doc "Sets the field `#{field}` of the entity around it."
         defmacro unquote(field)(value),
           do: BB.Dsl.Vocabulary.field(unquote(field), value, __CALLER__)
       end
-    end
-  end
 
-  @doc """
-  Defines a module with the words of a block that has fields alone.
-
-  `block` names the block in the documentation of the module.
-  """
-  defmacro words(module, block, fields) do
-    quote do
-      defmodule unquote(module) do
-        @moduledoc "The words inside #{unquote(block)}, each of which sets a field."
-        @moduledoc no_example: "BB.Dsl has an example of the whole language"
-
-        use BB.Dsl.Vocabulary, fields: unquote(fields)
+      for entity <- BB.Dsl.Grammar.entities(kind), arity <- BB.Dsl.Grammar.arities(entity) do
+        arguments = Macro.generate_arguments(arity, __MODULE__)
+        @doc BB.Dsl.Glossary.text(entity)
+        defmacro unquote(entity)(unquote_splicing(arguments)),
+          do: BB.Dsl.Vocabulary.entity(unquote(entity), unquote(arguments), __CALLER__)
       end
     end
   end
@@ -53,7 +42,7 @@ defmodule BB.Dsl.Vocabulary do
         __MODULE__,
         unquote(name),
         unquote(value),
-        unquote(Macro.escape(place(caller)))
+        unquote(Block.place(caller))
       )
     end
   end
@@ -61,13 +50,13 @@ defmodule BB.Dsl.Vocabulary do
   @doc """
   Returns the code of an entity of `kind`.
 
-  `args` are the arguments of the entity's macro: at most `positions` plain arguments, then fields
-  as keywords, a block, or both. The block imports the words of the modules `vocabulary`.
+  `args` are the arguments of the entity's macro: at most its plain arguments
+  (`BB.Dsl.Grammar.arguments/1`), then fields as keywords, a block, or both.
   """
-  @spec entity(atom(), [Macro.t()], non_neg_integer(), [module()], Macro.Env.t()) :: Macro.t()
-  def entity(kind, args, positions, vocabulary, caller) do
+  @spec entity(atom(), [Macro.t()], Macro.Env.t()) :: Macro.t()
+  def entity(kind, args, caller) do
     {block, args} = take_block(args)
-    {fields, plain} = take_fields(args, positions)
+    {fields, plain} = take_fields(args, length(Grammar.arguments(kind)))
 
     quote do
       BB.Dsl.Builder.open(
@@ -75,60 +64,33 @@ defmodule BB.Dsl.Vocabulary do
         unquote(kind),
         unquote(plain),
         unquote(fields),
-        unquote(Macro.escape(place(caller)))
+        unquote(Block.place(caller))
       )
 
-      unquote(with_words(block, vocabulary))
+      unquote(Block.code(kind, block, caller))
       BB.Dsl.Builder.close(__MODULE__)
     end
   end
 
   defp take_block(args) do
-    case List.last(args) do
-      [_ | _] = last -> take_block(args, last, Keyword.keyword?(last) && last[:do])
-      _ -> {nil, args}
+    last = List.last(args)
+
+    if keywords?(last) and Keyword.has_key?(last, :do) do
+      {block, rest} = Keyword.pop(last, :do)
+      above = List.delete_at(args, -1)
+      {block, if(rest == [], do: above, else: above ++ [rest])}
+    else
+      {nil, args}
     end
-  end
-
-  defp take_block(args, _last, nothing) when nothing in [nil, false], do: {nil, args}
-
-  defp take_block(args, last, block) do
-    args = List.delete_at(args, -1)
-    rest = Keyword.delete(last, :do)
-    {block, if(rest == [], do: args, else: args ++ [rest])}
   end
 
   defp take_fields(args, positions) do
-    case {List.last(args), length(args)} do
-      {fields, count} when count > positions or is_list(fields) ->
-        {fields || [], List.delete_at(args, -1)}
+    last = List.last(args)
 
-      _ ->
-        {[], args}
-    end
+    if length(args) > positions or keywords?(last),
+      do: {last || [], List.delete_at(args, -1)},
+      else: {[], args}
   end
 
-  # The imports hold in the clause of the `case` alone.
-  defp with_words(nil, _vocabulary), do: nil
-
-  defp with_words(block, vocabulary) do
-    imports = Enum.map(vocabulary, &import_words/1)
-
-    quote do
-      case :ok do
-        :ok ->
-          unquote_splicing(imports)
-          unquote(block)
-      end
-    end
-  end
-
-  defp import_words(BB.Unit), do: quote(do: import(BB.Unit, only: :sigils, warn: false))
-
-  defp import_words(BB.Parameter.Reference),
-    do: quote(do: import(BB.Parameter.Reference, only: [param: 1], warn: false))
-
-  defp import_words(module), do: quote(do: import(unquote(module), warn: false))
-
-  defp place(caller), do: %{file: caller.file, line: caller.line}
+  defp keywords?(list), do: list != [] and Keyword.keyword?(list)
 end

@@ -82,7 +82,11 @@ defmodule BB.Component.ParametersTest do
 
               joint :elbow do
                 type :revolute
-                limit lower: ~u(0 degree), upper: param([:top])
+
+                limit lower: ~u(0 degree),
+                      upper: param([:top]),
+                      effort: ~u(1 newton_meter),
+                      velocity: ~u(1 radian_per_second)
 
                 sensor :encoder, {BB.Component.ParametersTest.Tuned, to: unquote(me)} do
                   transmission do
@@ -131,14 +135,15 @@ defmodule BB.Component.ParametersTest do
                "invalid value for :level option: expected one of 1..10, got: 11 (in options [:base, :tuned])"
     end
 
-    test "may be a limit's field, which BB.Parameter.resolve replaces by the current value", %{
+    test "may be a limit's field, into which BB.Robot.resolve puts the current value", %{
       robot: robot
     } do
       start(robot)
-      {:ok, joint} = BB.Robot.fetch_joint(robot.robot(), :elbow)
-      assert joint.limit.upper == %BB.Parameter.Reference{path: [:top]}
+      assert %{lower: lower, upper: nil} = robot.robot().joints.elbow.limits
+      assert lower == 0.0
       :ok = Parameter.set(robot, [:top], ~u(45 degree))
-      assert Parameter.resolve(robot, joint.limit) == %{lower: ~u(0 degree), upper: ~u(45 degree)}
+      resolved = BB.Robot.resolve(robot.robot(), &Parameter.get!(robot, &1))
+      assert_in_delta resolved.joints.elbow.limits.upper, :math.pi() / 4, 1.0e-12
     end
   end
 

@@ -93,13 +93,13 @@ defmodule BB.Dsl.ExampleTest do
 
     assert %{shoulder: shoulder} = MyRobot.robot().joints
     assert {shoulder.type, shoulder.child_link} == {:revolute, :arm}
-    assert shoulder.origin == %{z: ~u(0.1 meter)}
-    assert shoulder.limit.velocity == ~u(60 degree_per_second)
+    assert shoulder.origin == %{position: {0.0, 0.0, 0.1}, orientation: {0.0, 0.0, 0.0}}
+    assert_in_delta shoulder.limits.velocity, :math.pi() / 3, 1.0e-12
   end
 
   test "its sensors are %{name => %{name, attached_to, transmission}}" do
     assert %{
-             battery: %{name: :battery, attached_to: nil, transmission: nil},
+             battery: %{name: :battery, attached_to: :robot, transmission: nil},
              imu: %{name: :imu, attached_to: {:link, :base_link}, transmission: nil},
              encoder: %{name: :encoder, attached_to: {:joint, :shoulder}, transmission: encoder}
            } = MyRobot.robot().sensors
@@ -119,7 +119,6 @@ defmodule BB.Dsl.ExampleTest do
   end
 
   test "its reference to a parameter is known" do
-    assert MyRobot.robot().param_subscriptions == %{[:imu, :rate] => [[:sensors, :imu, :rate]]}
     assert {:ok, imu} = BB.Robot.fetch_component(MyRobot.robot(), :imu)
     assert imu.options == [bus: "i2c-1", rate: %Reference{path: [:imu, :rate]}]
     assert %{required: true, max_silence_ns: 100_000_000} = imu

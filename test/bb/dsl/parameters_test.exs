@@ -4,9 +4,10 @@ defmodule BB.Dsl.ParametersTest do
   import BB.Test.Eventually
   import BB.Test.Mistake
   import BB.Test.Robot
+  import ExUnit.CaptureIO
   import BB.Unit, only: :sigils
 
-  alias BB.Parameter.{Definition, Reference}
+  alias BB.Parameter.Definition
 
   def even(value) when is_integer(value) and rem(value, 2) == 0, do: {:ok, value}
   def even(:raise), do: raise("oops")
@@ -104,11 +105,11 @@ defmodule BB.Dsl.ParametersTest do
         """)
 
       assert error.path == [:parameters, :arm, :gain]
-      assert error.reason =~ "param :gain has the name of another param"
+      assert error.reason =~ "duplicate name :gain: param :gain has the name of a param"
 
       error = mistake("parameters do\n param :arm, type: :float\n group :arm do\n end\n end")
 
-      assert error.reason =~ "group :arm has the name of another param"
+      assert error.reason =~ "duplicate name :arm: group :arm has the name of a param"
 
       robot =
         robot do
@@ -191,7 +192,11 @@ defmodule BB.Dsl.ParametersTest do
             link :base do
               joint :elbow do
                 type :revolute
-                limit lower: ~u(0 degree), upper: param([:arm, :top])
+
+                limit lower: ~u(0 degree),
+                      upper: param([:arm, :top]),
+                      effort: ~u(1 newton_meter),
+                      velocity: ~u(1 radian_per_second)
 
                 origin do
                   z param([:arm, :height])
@@ -223,28 +228,21 @@ defmodule BB.Dsl.ParametersTest do
       declared = robot.robot()
 
       assert declared.param_subscriptions == %{
-               [:rate] => [
-                 [:sensors, :probe, :rate],
-                 [:controllers, :balance, :rate],
-                 [:actuators, :servo, :rate]
-               ],
-               [:arm, :gear] => [[:actuators, :servo, :transmission, :reduction]],
-               [:arm, :top] => [[:joints, :elbow, :limit, :upper]],
-               [:arm, :height] => [[:joints, :elbow, :origin, :z]],
-               [:arm, :axis] => [[:joints, :elbow, :axis, :z]]
+               [:arm, :gear] => [{:actuator, :servo, [:transmission, :reduction]}],
+               [:arm, :top] => [{:joint, :elbow, [:limits, :upper]}],
+               [:arm, :height] => [{:joint, :elbow, [:origin, :z]}],
+               [:arm, :axis] => [{:joint, :elbow, [:axis, :z]}]
              }
 
-      assert declared.joints.elbow.origin == %{z: %Reference{path: [:arm, :height]}}
+      assert declared.joints.elbow.origin.position == {0.0, 0.0, nil}
+      assert declared.joints.elbow.axis == nil
 
       assert declared.actuators == %{
                servo: %{
                  name: :servo,
+                 joint: :elbow,
                  attached_to: {:joint, :elbow},
-                 transmission: %{
-                   reduction: %Reference{path: [:arm, :gear]},
-                   offset: 0.0,
-                   reversed?: false
-                 }
+                 transmission: %{reduction: nil, offset: 0.0, reversed?: false}
                }
              }
 
@@ -293,8 +291,13 @@ defmodule BB.Dsl.ParametersTest do
         )
       end
 
-      assert joint.("limit upper: param([:top])").reason =~ "limit: :upper is param([:top]), and"
-      limit = "limit lower: ~u(0 degree), upper: ~u(1 degree)\n"
+      assert joint.(
+               "limit upper: param([:top]), effort: ~u(1 newton_meter), velocity: ~u(1 radian_per_second)"
+             ).reason =~ "limit: :upper is param([:top]), and"
+
+      limit =
+        "limit lower: ~u(0 degree), upper: ~u(1 degree), effort: ~u(1 newton_meter), velocity: ~u(1 radian_per_second)\n"
+
       assert joint.(limit <> "origin x: param([:far])").reason =~ ":x is param([:far]), and"
       assert joint.(limit <> "axis x: param([:far])").reason =~ ":x is param([:far]), and"
 
@@ -323,17 +326,21 @@ defmodule BB.Dsl.ParametersTest do
         """)
       end
 
-      assert robot.("type: {:unit, :meter}, default: ~u(1 meter)", "limit upper: param([:p])").reason ==
-               "limit: param([:p]) does not fit: invalid value for :upper option: expected an angle such as ~u(90 degree), got: 1 meter"
+      assert robot.(
+               "type: {:unit, :meter}, default: ~u(1 meter)",
+               "limit upper: param([:p]), effort: ~u(1 newton_meter), velocity: ~u(1 radian_per_second)"
+             ).reason ==
+               "limit: param([:p]) does not fit: Expected unit 1 meter of :upper to be compatible with degree: `meter` is not compatible with a `revolute` joint"
 
-      limit = "limit upper: ~u(1 degree)\n"
+      limit =
+        "limit upper: ~u(1 degree), effort: ~u(1 newton_meter), velocity: ~u(1 radian_per_second)\n"
 
       assert robot.(
                "type: :float, default: 0.0",
                limit <>
                  "actuator :m, BB.Test.Motor do\n transmission reduction: param([:p])\n end"
              ).reason =~
-               "actuator :m: transmission: param([:p]) does not fit: invalid value for :reduction option: expected a number above zero"
+               "actuator :m: transmission: param([:p]) does not fit: invalid value for :reduction option: expected a number other than zero"
     end
 
     test "inside an option, or where nothing follows, is a mistake" do
@@ -386,49 +393,54 @@ defmodule BB.Dsl.ParametersTest do
       assert sensors.other.transmission == %{reduction: 3.0, offset: 0.0, reversed?: false}
     end
 
-    test "outside a joint is a mistake" do
-      error =
-        mistake("""
-          topology do
-            link :base do
-              sensor :s, BB.Test.Probe do
-                transmission reduction: 2.0
+    test "outside a joint changes nothing, of which a warning tells" do
+      warning =
+        capture_io(:stderr, fn ->
+          declared =
+            robot do
+              topology do
+                link :base do
+                  sensor :s, BB.Test.Probe do
+                    transmission reduction: 2.0
+                  end
+                end
               end
             end
-          end
-        """)
 
-      assert error.path == [:topology, :base, :s]
+          assert declared.robot().sensors.s.transmission == nil
+        end)
 
-      assert error.reason ==
-               "sensor :s has a transmission and stands in a link; move it into a joint, or remove the transmission"
+      assert warning =~ "sensor :s has a transmission and stands in a link, where nothing uses it"
     end
 
     test "with a reduction that is none, or an offset of the wrong kind, is a mistake" do
       joint = fn type, fields ->
         mistake(
-          "topology do\n link :b do\n joint :j do\n type #{type}\n limit lower: ~u(0 #{if type == ":prismatic", do: "meter", else: "degree"})\n sensor :s, BB.Test.Probe do\n transmission #{fields}\n end\n link :a\n end\n end\n end"
+          "topology do\n link :b do\n joint :j do\n type #{type}\n #{limit(type)}\n sensor :s, BB.Test.Probe do\n transmission #{fields}\n end\n link :a\n end\n end\n end"
         ).reason
       end
 
       assert joint.(":revolute", "reduction: 0") =~
-               "expected a number above zero, motor turns per joint turn, got: 0"
-
-      assert joint.(":revolute", "reduction: -2") =~
-               "add `reversed? true` for a motor that turns the other way"
+               "expected a number other than zero, motor turns per joint turn, got: 0"
 
       assert joint.(":revolute", "offset: ~u(1 meter)") ==
-               "sensor :s: transmission: invalid value for :offset option: expected an angle such as ~u(90 degree), got: 1 meter"
+               "sensor :s: transmission: Expected unit 1 meter of :offset to be compatible with degree: `meter` is not compatible with a `revolute` joint"
 
       assert joint.(":prismatic", "offset: ~u(1 degree)") =~
-               "expected a length such as ~u(0.1 meter)"
+               "`degree` is not compatible with a `prismatic` joint"
     end
+
+    defp limit(":prismatic"),
+      do: "limit effort: ~u(1 newton), velocity: ~u(1 meter_per_second)"
+
+    defp limit(":revolute"),
+      do: "limit effort: ~u(1 newton_meter), velocity: ~u(1 radian_per_second)"
   end
 
   describe "settings" do
     test "of a store that is none are a mistake" do
       assert mistake("settings do\n parameter_store {String, []}\n end").reason ==
-               "parameter_store: String does not implement BB.Parameter.Store; add `@behaviour BB.Parameter.Store` to it"
+               "parameter_store: String must implement the BB.Parameter.Store behaviour; add `@behaviour BB.Parameter.Store` to it"
     end
 
     test "registry_module, registry_options and supervisor_module are what the robot runs on" do

@@ -75,16 +75,16 @@ defmodule BB.Dsl.SimulationTest do
       "a clock that is none": {~s|i2c "i2c-1", clock_hz: 0|, ["clock_hz", "got: 0"]},
       "options outside of the braces": {~s|i2c "i2c-1" do
         device 0x68, BB.Bus.Sim.Mpu6050, source: :motion
-      end|, ["a device has no :source"]},
+      end|, ["a simulated device has no :source"]},
       "a module that is not there": {~s|i2c "i2c-1" do
         device 0x68, BB.Bus.Sim.Mpu6051
       end|, ["device at 0x68", "module BB.Bus.Sim.Mpu6051 does not exist"]},
       "a driver in the place of a chip": {~s|i2c "i2c-1" do
         device 0x68, {BB.Sensor.Mpu6050, bus: "i2c-1"}
-      end|, ["BB.Sensor.Mpu6050 does not implement BB.Bus.Sim.Device"]},
+      end|, ["BB.Sensor.Mpu6050 must implement the BB.Bus.Sim.Device behaviour"]},
       "a device of lines on a bus": {~s|i2c "i2c-1" do
         device 0x68, {BB.Bus.Sim.Contact, pins: [contact: 17]}
-      end|, ["BB.Bus.Sim.Contact does not implement BB.Bus.Sim.Device"]},
+      end|, ["BB.Bus.Sim.Contact must implement the BB.Bus.Sim.Device behaviour"]},
       "options that the model refuses": {~s|i2c "i2c-1" do
         device 0x68, {BB.Bus.Sim.Mpu6050, source: :motoin}
       end|, ["device at 0x68", "BB.Bus.Sim.Mpu6050 refuses its options", "motoin"]},
@@ -111,14 +111,13 @@ defmodule BB.Dsl.SimulationTest do
       end
     end
 
-    test "a simulation that stands there twice" do
-      lines = "simulation do\ni2c \"i2c-1\"\nend\nsimulation do\ni2c \"i2c-2\"\nend"
-      assert mistake(lines).reason =~ "simulation is given twice, first at lib/robot.ex:3"
+    test "a bus that two sections declare" do
+      lines = "simulation do\ni2c \"i2c-1\"\nend\nsimulation do\ni2c \"i2c-1\"\nend"
+      assert mistake(lines).reason =~ "i2c-1 is declared twice, first at lib/robot.ex:4"
     end
 
     test "a device outside of a bus" do
-      source = "simulation do\nBB.Dsl.Words.SimulatedBus.device(0x68, BB.Bus.Sim.Mpu6050)\nend"
-      error = mistake("require BB.Dsl.Words.SimulatedBus\n" <> source)
+      error = mistake("simulation do\ndevice 0x68, BB.Bus.Sim.Mpu6050\nend")
 
       assert error.reason =~
                "device cannot stand in simulation; it belongs in a simulated I2C bus"

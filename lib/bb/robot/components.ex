@@ -1,0 +1,68 @@
+defmodule BB.Robot.Components do
+  @moduledoc """
+  Makes the components of a robot, as `BB.Component`, from its declaration. Pure.
+  `BB.Robot.Builder` uses it.
+  """
+  @moduledoc no_example: "internal: R.robot().components has its result"
+
+  alias BB.{Component, Transmission, Unit}
+  alias BB.Dsl.Child
+
+  @doc """
+  Returns the components in the order in which they start: the sensors and the controllers of the
+  robot, then the topology, each link before its joints.
+  """
+  @spec of([BB.Dsl.Sensor.t()], [BB.Dsl.Controller.t()], [BB.Dsl.Link.t()]) :: [Component.t()]
+  def of(sensors, controllers, roots) do
+    Enum.map(sensors ++ controllers, &component(&1, [], nil)) ++
+      Enum.flat_map(roots, &of_link(&1, []))
+  end
+
+  defp of_link(link, above) do
+    path = above ++ [link.name]
+
+    Enum.map(link.sensors, &component(&1, path, {:link, link.name})) ++
+      Enum.flat_map(link.joints, &of_joint(&1, path))
+  end
+
+  defp of_joint(joint, above) do
+    path = above ++ [joint.name]
+
+    Enum.map(joint.sensors ++ joint.actuators, &component(&1, path, {:joint, joint.name})) ++
+      of_link(joint.link, path)
+  end
+
+  defp component(%type{} = declared, path, place) do
+    {:ok, module, options} = Child.parse(declared.child_spec)
+
+    %Component{
+      name: declared.name,
+      kind: kind(type),
+      module: module,
+      options: options,
+      path: path ++ [declared.name],
+      attached_to: place,
+      transmission: transmission(Map.get(declared, :transmission), place),
+      required: declared.required,
+      retain: Map.get(declared, :retain, false),
+      max_silence_ns: nanoseconds(Map.get(declared, :max_silence))
+    }
+  end
+
+  defp kind(BB.Dsl.Sensor), do: BB.Sensor
+  defp kind(BB.Dsl.Actuator), do: BB.Actuator
+  defp kind(BB.Dsl.Controller), do: BB.Controller
+
+  # Without a joint there is nothing to which a transmission could lead.
+  defp transmission(%BB.Dsl.Transmission{} = declared, {:joint, _name}) do
+    declared
+    |> Map.from_struct()
+    |> Enum.reject(fn {_key, value} -> value == nil end)
+    |> Transmission.new()
+  end
+
+  defp transmission(_declared, _place), do: nil
+
+  defp nanoseconds(nil), do: nil
+  defp nanoseconds(%Unit{} = time), do: round(Unit.convert!(time, :nanosecond).value)
+end
