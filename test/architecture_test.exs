@@ -53,7 +53,8 @@ defmodule ArchitectureTest do
     process: {~w(BB.Process.*), [:process_name]},
     safety: {~w(BB.Safety.*), ~w(path pub_sub envelope payload callback telemetry tolerant)a},
     declaration:
-      {~w(BB.Component BB.Robot.*), ~w(transmission parameter reference unit math error)a},
+      {~w(BB.Component BB.Robot.*),
+       ~w(transmission parameter reference payload unit math error)a},
     component:
       {~w(BB.Component.*),
        ~w(declaration transmission parameter reference process pub_sub safety envelope payload options callback telemetry tolerant topic)a},
@@ -72,9 +73,12 @@ defmodule ArchitectureTest do
     dsl:
       {~w(BB.Dsl.* BB.Robot.Builder BB.Robot.Components BB.Robot.Shapes),
        ~w(declaration transmission parameter reference sensor simulation path topic options unit)a},
+    runtime:
+      {~w(BB.Robot.Runtime),
+       ~w(declaration parameter safety process pub_sub envelope payload tolerant)a},
     supervisor:
       {~w(BB.Supervisor.*),
-       ~w(declaration component parameter safety process pub_sub bus simulation topic options callback)a},
+       ~w(runtime declaration component parameter safety process pub_sub bus simulation topic options callback)a},
     facade: {~w(BB), ~w(dsl supervisor process pub_sub topic path envelope)a},
 
     # Drivers, and their interface to the bus. They cannot name the simulation behind it.

@@ -40,7 +40,7 @@ defmodule BB.Robot do
 
   alias BB.Component
   alias BB.Error.Kinematics.{NoParentJoint, UnknownActuator, UnknownJoint, UnknownLink}
-  alias BB.Robot.{Joint, Link, Resolved, Topology}
+  alias BB.Robot.{Joint, Kinematics, Link, Resolved, Topology}
 
   @enforce_keys [:name]
   defstruct [
@@ -214,4 +214,15 @@ defmodule BB.Robot do
   """
   @spec resolve(t(), (BB.Parameter.path() -> term())) :: t()
   defdelegate resolve(robot, fetch), to: Resolved
+
+  @doc """
+  Returns the pose of the link `to` in the frame of the link `from`, for given positions of the
+  joints: `{:ok, transform}`.
+
+  The transform converts the coordinates of a point in the frame of `to` to its coordinates in
+  the frame of `from`. See `BB.Robot.Kinematics`.
+  """
+  @spec transform(t(), atom(), atom(), Kinematics.positions()) ::
+          {:ok, BB.Math.Transform.t()} | {:error, Exception.t()}
+  defdelegate transform(robot, from, to, positions \\ %{}), to: Kinematics
 end

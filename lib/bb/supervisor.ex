@@ -7,6 +7,7 @@ defmodule BB.Supervisor do
       ├── MyRobot.Registry             the names of components
       ├── MyRobot.PubSub               the pubsub
       ├── runtime                      BB.Parameter.Supervisor, the parameters
+      ├── BB.Robot.Runtime             the positions of the joints
       ├── ▌ BB.Supervisor.Simulation   simulated buses, if the robot declares and uses them
       ├── BB.Safety.Latch              delays the end until the robot is disarmed
       ├── topology                     BB.Supervisor.Topology
@@ -105,7 +106,8 @@ defmodule BB.Supervisor do
       [
         Successor.child_spec(BB.Process.registry_spec(robot)),
         Successor.child_spec({BB.PubSub, robot}),
-        Successor.child_spec({BB.Parameter.Supervisor, {robot, given}})
+        Successor.child_spec({BB.Parameter.Supervisor, {robot, given}}),
+        Successor.child_spec({BB.Robot.Runtime, robot})
       ] ++
         Simulation.children(robot) ++
         [

@@ -18,9 +18,10 @@ defmodule BB.Dsl.Words do
   @spec module(atom()) :: module()
   def module(kind), do: Module.concat(__MODULE__, Macro.camelize("#{kind}"))
 
-  @doc "Tells whether a module has the words of a block."
+  @doc "Tells whether a module has the words of a block, or the words outside of all blocks."
   @spec module?(module()) :: boolean()
-  def module?(module), do: module in Enum.map(Grammar.kinds(), &module/1)
+  def module?(module),
+    do: module == BB.Dsl.Robot or module in Enum.map(Grammar.kinds(), &module/1)
 
   for kind <- Grammar.kinds(), kind != :robot do
     defmodule Module.concat(__MODULE__, Macro.camelize("#{kind}")) do

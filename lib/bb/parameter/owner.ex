@@ -83,6 +83,13 @@ defmodule BB.Parameter.Owner do
       else: {:reply, :changed, owner}
   end
 
+  # BB.Robot.State.set_parameter/3: no check, and no message.
+  def handle_call({:put, path, value}, _from, owner) do
+    Values.put_values(owner.robot, [{path, value}])
+    for watch <- Values.watches(owner.robot), do: notify(watch, %{path => value})
+    {:reply, :ok, owner}
+  end
+
   def handle_call({:register, path, definitions}, _from, owner) do
     {:reply, register(owner, path, definitions), owner}
   end
