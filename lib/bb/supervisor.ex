@@ -6,8 +6,8 @@ defmodule BB.Supervisor do
       MyRobot                          one_for_one
       ├── MyRobot.Registry             the names of components
       ├── MyRobot.PubSub               the pubsub
-      ├── runtime                      BB.Parameter.Supervisor, the parameters
-      ├── BB.Robot.Runtime             the positions of the joints
+      ├── runtime                      BB.Parameter.Supervisor, the parameters and then
+      │                                BB.Robot.Runtime, the positions of the joints
       ├── ▌ BB.Supervisor.Simulation   simulated buses, if the robot declares and uses them
       ├── BB.Safety.Latch              delays the end until the robot is disarmed
       ├── topology                     BB.Supervisor.Topology
@@ -106,8 +106,7 @@ defmodule BB.Supervisor do
       [
         Successor.child_spec(BB.Process.registry_spec(robot)),
         Successor.child_spec({BB.PubSub, robot}),
-        Successor.child_spec({BB.Parameter.Supervisor, {robot, given}}),
-        Successor.child_spec({BB.Robot.Runtime, robot})
+        Successor.child_spec({BB.Parameter.Supervisor, {robot, given, [runtime(robot)]}})
       ] ++
         Simulation.children(robot) ++
         [
@@ -118,6 +117,8 @@ defmodule BB.Supervisor do
 
     Supervisor.init(children, strategy: :one_for_one)
   end
+
+  defp runtime(robot), do: Successor.child_spec({BB.Robot.Runtime, robot})
 
   # Before the robot can be armed.
   defp inhibit(robot) do

@@ -70,7 +70,7 @@ defmodule BB.Test.KeepingNode do
     Process.flag(:trap_exit, true)
     IO.puts("ready")
     await_line()
-    {:ok, _} = Parameter.Supervisor.start_link({__MODULE__, %{}})
+    {:ok, _} = Parameter.Supervisor.start_link({__MODULE__, %{}, []})
     for writer <- writers(), do: spawn_link(fn -> write(writer) end)
     spawn_link(&await_line/0)
 

@@ -11,15 +11,27 @@ defmodule BB.Dsl.Block do
 
   alias BB.Dsl.Grammar
 
-  # Modules whose functions stand in values, in each block but those that declare parameters.
-  @sigils quote(do: import(BB.Unit, only: [sigil_u: 2], warn: false))
-  @param quote(do: import(BB.Parameter.Reference, only: [param: 1], warn: false))
-  @action Module.concat(["BB", "Controller", "Action"])
-  @no_param quote(do: import(BB.Parameter.Reference, only: [], warn: false))
+  # What stands in values: ~u, param/1 (not where `param` is an entity), and in `controllers` the
+  # actions of the ready-made ones.
+  @units {BB.Unit, [sigil_u: 2]}
+  @references {BB.Parameter.Reference, [param: 1]}
+  @actions {Module.concat(["BB", "Controller", "Action"]),
+            [command: 1, command: 2, handle_event: 1]}
+
+  # These modules are made by macros that use this one.
+  @words Module.concat(["BB", "Dsl", "Words"])
+  @sections Module.concat(["BB", "Dsl", "Robot"])
 
   @doc "Returns the code of a place in the source."
   @spec place(Macro.Env.t()) :: Macro.t()
   def place(caller), do: Macro.escape(%{file: caller.file, line: caller.line})
+
+  @doc "Returns the module with the words inside an entity of `kind`."
+  @spec words(atom()) :: module()
+  def words(:robot), do: @sections
+  def words(kind), do: Module.concat(@words, Macro.camelize("#{kind}"))
+
+  defp words?(module), do: module in Enum.map(Grammar.kinds(), &words/1)
 
   @doc "Returns the code of a block inside an entity of `kind`."
   @spec code(atom(), Macro.t(), Macro.Env.t()) :: Macro.t()
@@ -31,8 +43,8 @@ defmodule BB.Dsl.Block do
       case :ok do
         :ok ->
           unquote_splicing(outer_words(caller))
-          import unquote(BB.Dsl.Words.module(kind)), warn: false
-          unquote_splicing(values(kind))
+          import unquote(words(kind)), warn: false
+          unquote_splicing(values(kind, caller))
           unquote(statements(block, kind, caller, variables(block)))
       end
     end
@@ -41,20 +53,28 @@ defmodule BB.Dsl.Block do
   # The words of the block around this one do not hold inside it.
   defp outer_words(caller) do
     for {module, _macros} <- caller.macros,
-        BB.Dsl.Words.module?(module),
+        words?(module),
         do: quote(do: import(unquote(module), only: [], warn: false))
   end
 
-  defp values(kind) when kind in [:parameters, :group, :param], do: [@sigils, @no_param]
-  defp values(kind) when kind in [:controllers], do: [@sigils, @param | actions()]
-  defp values(_kind), do: [@sigils, @param]
+  defp values(kind, caller) when kind in [:parameters, :group, :param],
+    do: [
+      quote(do: import(BB.Parameter.Reference, only: [], warn: false)) | used([@units], caller)
+    ]
 
-  # `command(:stop)` and `handle_event(fun)` are values of the ready-made controllers.
-  defp actions do
-    if Code.ensure_loaded?(@action),
-      do: [quote(do: import(unquote(@action), warn: false))],
-      else: []
+  defp values(:controllers, caller), do: used([@units, @references, @actions], caller)
+  defp values(_kind, caller), do: used([@units, @references], caller)
+
+  # A module that the robot's module imports itself is left as it is.
+  defp used(imports, caller) do
+    for {module, names} <- imports,
+        Code.ensure_loaded?(module),
+        not imported?(module, caller),
+        do: quote(do: import(unquote(module), only: unquote(names), warn: false))
   end
+
+  defp imported?(module, caller),
+    do: Enum.any?(caller.functions ++ caller.macros, &match?({^module, [_ | _]}, &1))
 
   defp statements({:__block__, meta, statements}, kind, caller, known),
     do: {:__block__, meta, Enum.map(statements, &statements(&1, kind, caller, known))}
@@ -129,7 +149,7 @@ defmodule BB.Dsl.Block do
     Macro.special_form?(name, arity) or Macro.operator?(name, arity) or
       Module.defines?(caller.module, {name, arity}) or
       Enum.any?(Macro.Env.lookup_import(caller, {name, arity}), fn {_kind, module} ->
-        not BB.Dsl.Words.module?(module)
+        not words?(module)
       end)
   end
 

@@ -86,6 +86,8 @@ defmodule BB.Dsl.Warnings do
       else: :error
   rescue
     _error -> :error
+  catch
+    _kind, _reason -> :error
   end
 
   defp keywords(%{schema: schema}), do: schema
@@ -162,6 +164,8 @@ defmodule BB.Dsl.Warnings do
     List.wrap(module.capabilities(Keyword.merge(defaults, given)))
   rescue
     _error -> []
+  catch
+    _kind, _reason -> []
   end
 
   # Commands and states

@@ -12,19 +12,14 @@ defmodule BB.Dsl.Words do
       [yaw: 1]
   """
 
-  alias BB.Dsl.Grammar
+  alias BB.Dsl.{Block, Grammar}
 
   @doc "Returns the module with the words inside an entity of `kind`."
   @spec module(atom()) :: module()
-  def module(kind), do: Module.concat(__MODULE__, Macro.camelize("#{kind}"))
-
-  @doc "Tells whether a module has the words of a block, or the words outside of all blocks."
-  @spec module?(module()) :: boolean()
-  def module?(module),
-    do: module == BB.Dsl.Robot or module in Enum.map(Grammar.kinds(), &module/1)
+  defdelegate module(kind), to: Block, as: :words
 
   for kind <- Grammar.kinds(), kind != :robot do
-    defmodule Module.concat(__MODULE__, Macro.camelize("#{kind}")) do
+    defmodule Block.words(kind) do
       @moduledoc "The words inside `#{kind}`."
       @moduledoc no_example: "BB.Dsl has an example of the whole language"
 

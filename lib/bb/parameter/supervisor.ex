@@ -12,22 +12,25 @@ defmodule BB.Parameter.Supervisor do
 
   @max_restarts 100
 
-  @doc """
-  Returns the child specification for the robot's root supervisor. `given` are the values of
-  `start_link(params: …)`.
+  @typedoc """
+  The robot, the values of `start_link(params: …)`, and what starts after the parameters and ends
+  with them.
   """
-  @spec child_spec({module(), Startup.values()}) :: Supervisor.child_spec()
-  def child_spec({robot, given}) do
-    %{id: :runtime, start: {__MODULE__, :start_link, [{robot, given}]}, type: :supervisor}
+  @type argument :: {module(), Startup.values(), [Supervisor.child_spec() | {module(), term()}]}
+
+  @doc "Returns the child specification for the robot's root supervisor."
+  @spec child_spec(argument()) :: Supervisor.child_spec()
+  def child_spec(argument) do
+    %{id: :runtime, start: {__MODULE__, :start_link, [argument]}, type: :supervisor}
   end
 
   @doc "Starts the supervisor."
-  @spec start_link({module(), Startup.values()}) :: Supervisor.on_start()
-  def start_link({robot, given}), do: Supervisor.start_link(__MODULE__, {robot, given})
+  @spec start_link(argument()) :: Supervisor.on_start()
+  def start_link(argument), do: Supervisor.start_link(__MODULE__, argument)
 
   @impl Supervisor
-  def init({robot, given}) do
+  def init({robot, given, more}) do
     children = [{Values, robot}, {Persistence, robot}, {Owner, {robot, given}}]
-    Supervisor.init(children, strategy: :rest_for_one, max_restarts: @max_restarts)
+    Supervisor.init(children ++ more, strategy: :rest_for_one, max_restarts: @max_restarts)
   end
 end

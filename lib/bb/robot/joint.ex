@@ -19,7 +19,6 @@ defmodule BB.Robot.Joint do
     * `:sensors`, `:actuators` - the names of those on the joint
   """
 
-  @enforce_keys [:name, :type, :parent_link, :child_link]
   defstruct [
     :name,
     :type,

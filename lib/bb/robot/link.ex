@@ -19,7 +19,6 @@ defmodule BB.Robot.Link do
     * `:sensors` - the names of its sensors
   """
 
-  @enforce_keys [:name]
   defstruct [
     :name,
     :parent_joint,

@@ -365,7 +365,7 @@ defmodule BB.Component.ParametersTest do
       assert_receive {:DOWN, ^ref, _, _, %ValidationError{} = error}
 
       assert Exception.message(error) ==
-               "invalid value for :reduction option: expected a number above zero, got: 0.0 (in options [:base, :elbow, :encoder, :transmission])"
+               "invalid value for :reduction option: expected a number other than zero, got: 0.0 (in options [:base, :elbow, :encoder, :transmission])"
     end
 
     test "is applied by to_joint_space and publish_joint_state at its current values", %{

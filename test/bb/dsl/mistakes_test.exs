@@ -261,6 +261,29 @@ defmodule BB.Dsl.MistakesTest do
       assert robot(do: topology(do: link(:a, do: nil))).robot().root_link == :a
     end
 
+    test "clashes with no import of the robot's module" do
+      declared =
+        robot do
+          import BB.Unit
+          import BB.Parameter.Reference
+
+          parameters do
+            param :far, type: {:unit, :meter}, default: ~u(1 meter)
+          end
+
+          topology do
+            link :base do
+              joint :j, type: :fixed do
+                origin x: param([:far]), y: new!(2, :meter)
+                link :tip
+              end
+            end
+          end
+        end
+
+      assert declared.robot().joints.j.origin.position == {nil, 2.0, 0.0}
+    end
+
     test "of an estimator in a sensor is an input" do
       capture_io(:stderr, fn ->
         error =
