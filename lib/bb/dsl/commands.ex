@@ -60,8 +60,8 @@ defmodule BB.Dsl.Commands do
   defp check_disarm_states(node) do
     if flag?(node, :disarm) and allowed_states(node) -- [:disarmed] == [] do
       {:error,
-       "#{Node.describe(node)}, which disarms the robot, must be runnable from an armed state; " <>
-         "add `allowed_states [:idle]` or `:*`"}
+       "#{Node.describe(node)}, which disarms the robot, must be runnable from an armed " <>
+         "state; add `allowed_states [:idle]` or `:*`"}
     else
       :ok
     end

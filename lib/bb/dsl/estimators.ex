@@ -50,17 +50,15 @@ defmodule BB.Dsl.Estimators do
         :ok
 
       [] ->
-        {:error, "it has several inputs and no driver; add `driver?: true` to one of them"}
+        {:error, "several inputs and no driver; add `driver?: true` to one of them"}
 
       drivers ->
-        {:error,
-         "it has multiple driver inputs, #{names(drivers)}; keep `driver?: true` in one of them"}
+        {:error, "multiple driver inputs: #{names(drivers)}; keep `driver?: true` in one of them"}
     end
   end
 
   defp check_sync(%{fields: %{sync_tolerance: _}}, 1) do
-    {:error,
-     "it has a single input but declares `sync_tolerance`; remove it, or declare another input"}
+    {:error, "single input but declares `sync_tolerance`; remove it, or declare another input"}
   end
 
   defp check_sync(_node, _inputs), do: :ok
