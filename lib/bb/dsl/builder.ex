@@ -58,7 +58,7 @@ defmodule BB.Dsl.Builder do
   def open(module, kind, arguments, fields, place) do
     state = load(module)
     parent = hd(state.stack)
-    unless Keyword.keyword?(fields), do: refuse_fields!(state, place, fields)
+    check!(state, parent, place, check_keywords(fields))
     {name, arguments, fields} = take_name(state, kind, arguments, fields, place)
     check!(state, parent, place, Rules.check_place(kind, name, parent, roots(state)))
 
@@ -104,8 +104,11 @@ defmodule BB.Dsl.Builder do
     raise_error!(state, node, place, Rules.unknown(word, node.kind))
   end
 
-  defp refuse_fields!(state, place, fields),
-    do: raise_error!(state, hd(state.stack), place, "expected keywords, got: #{inspect(fields)}")
+  defp check_keywords(fields) do
+    if Keyword.keyword?(fields),
+      do: :ok,
+      else: {:error, "expected keywords, got: #{inspect(fields)}"}
+  end
 
   # `limit: [lower: …]` among a joint's keywords is the entity `limit lower: …`.
   defp set_or_open(module, field, value, place) do

@@ -103,12 +103,15 @@ defmodule BB.Robot.Runtime do
 
   @impl GenServer
   def handle_info({:bb, [:sensor | _], %Message{payload: %JointState{} = reading}}, state) do
-    for {name, value} <- Enum.zip(reading.names, reading.positions),
-        do: State.set_configuration(state, name, value)
-
-    for {name, value} <- Enum.zip(reading.names, reading.velocities),
-        do: State.set_velocity(state, name, value)
-
+    set_each(reading.names, reading.positions, &State.set_configuration(state, &1, &2))
+    set_each(reading.names, reading.velocities, &State.set_velocity(state, &1, &2))
     {:noreply, state}
+  end
+
+  # A joint of another robot, and a value of another shape, change nothing.
+  defp set_each(names, values, set) do
+    names
+    |> Enum.zip(values)
+    |> Enum.each(fn {name, value} -> _ = set.(name, value) end)
   end
 end
