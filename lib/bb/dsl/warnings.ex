@@ -71,7 +71,8 @@ defmodule BB.Dsl.Warnings do
   defp option_texts(node, module, options) do
     {followed, given} = Enum.split_with(options, &match?({_key, %Reference{}}, &1))
 
-    with {:ok, schema} <- schema(module, Keyword.keys(followed)),
+    with true <- Enum.all?(modules(given), &compiled?/1),
+         {:ok, schema} <- schema(module, Keyword.keys(followed)),
          {:error, %ValidationError{} = error} <- validate(given, schema) do
       reason = Exception.message(error)
       ["#{Node.describe(node)}: wrong options for #{inspect(module)}: #{reason}"]
@@ -79,6 +80,18 @@ defmodule BB.Dsl.Warnings do
       _right_or_unknown -> []
     end
   end
+
+  # The modules that a schema may ask for what they implement.
+  defp modules(value) when is_atom(value),
+    do: if(String.starts_with?(Atom.to_string(value), "Elixir."), do: [value], else: [])
+
+  defp modules(value) when is_function(value), do: [Function.info(value)[:module]]
+  defp modules([head | tail]), do: modules(head) ++ modules(tail)
+  defp modules(value) when is_tuple(value), do: value |> Tuple.to_list() |> modules()
+  defp modules(_value), do: []
+
+  # Waits for a module of the same project; one that waits for this robot is unavailable.
+  defp compiled?(module), do: Code.ensure_compiled(module) != {:error, :unavailable}
 
   defp schema(module, followed) do
     if function_exported?(module, :options_schema, 0),
