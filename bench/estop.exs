@@ -19,6 +19,9 @@ defmodule Bench.EmergencyStop do
 
     @impl BB.Actuator
     def disarm(_opts), do: :ok
+
+    @impl BB.Actuator
+    def handle_command(_message, opts), do: {:noreply, opts}
   end
 
   defmodule Robot do

@@ -54,7 +54,9 @@ defmodule ArchitectureTest do
     safety: {~w(BB.Safety.*), ~w(path pub_sub envelope payload callback telemetry tolerant)a},
     declaration:
       {~w(BB.Component BB.Robot.*),
-       ~w(transmission parameter reference payload unit math error)a},
+       ~w(transmission parameter reference envelope payload unit math error)a},
+    resolver:
+      {~w(BB.Transmission.Resolver), ~w(declaration transmission parameter reference pub_sub)a},
     component:
       {~w(BB.Component.*),
        ~w(declaration transmission parameter reference process pub_sub safety envelope payload options callback telemetry tolerant topic)a},
@@ -68,8 +70,8 @@ defmodule ArchitectureTest do
 
     # The kinds of components.
     sensor:
-      {~w(BB.Sensor BB.Sensor.Server BB.Sensor.SensorProfile BB.Sensor.Mimic BB.Actuator.* BB.Controller),
-       ~w(declaration component transmission parameter pub_sub envelope payload options topic)a},
+      {~w(BB.Sensor BB.Sensor.Server BB.Sensor.SensorProfile BB.Sensor.Mimic BB.Actuator.* BB.Controller.*),
+       ~w(declaration resolver component transmission process safety parameter pub_sub envelope payload options topic telemetry error)a},
     dsl:
       {~w(BB.Dsl.* BB.Robot.Builder BB.Robot.Components BB.Robot.Shapes),
        ~w(declaration transmission parameter reference sensor simulation path topic options unit)a},
@@ -121,14 +123,15 @@ defmodule ArchitectureTest do
 
     # In the process of the component, which only its own code can harm: its keeper restarts it,
     # and kills it if it does not end.
-    {~w(BB.Component.Server BB.Sensor.Polled BB.Sensor.NativeProcess.* BB.Handoff.Inlet
-        BB.Handoff.Outlet), "calls in the process of the component, for some at each message"},
+    {~w(BB.Component.Server BB.Actuator.CommandCheck BB.Sensor.Polled BB.Sensor.NativeProcess.*
+        BB.Handoff.Inlet BB.Handoff.Outlet),
+     "calls in the process of the component, for some at each message"},
     {~w(BB.Safety.Round), "calls each disarm/1 in a process of its own, with a deadline"},
     {~w(BB.Process.Successor), "starts what the supervisor starts in whose process it is"},
 
     # In the process of the caller.
     {~w(BB.Error), "asks an error for its severity"},
-    {~w(BB.Component.Resolution BB.Options.Type),
+    {~w(BB.Component.OptionsSchema BB.Component.Resolution BB.Options.Type),
      "checks in its caller's process; for a robot's components that is BB.Component.OptionsCheck's"},
     {~w(BB.Telemetry), "calls in the emitting process, unless that emits apart"},
     {~w(BB.Parameter), "asks a module for what its caller registers"},
@@ -152,7 +155,8 @@ defmodule ArchitectureTest do
   ]
 
   # Functions that Ganglion's own macros define, or that kinds of components have.
-  @made ~w(robot module_info component_kind component_options health)a
+  @made ~w(robot module_info component_kind component_options
+           component_start component_request health)a
 
   # Foreign modules, by the beginning of their names, and the modules that may name them.
   @boards ~w(Nerves Shoehorn VintageNet MdnsLite Circuits)

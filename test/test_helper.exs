@@ -1,4 +1,5 @@
 BB.Test.Probe.setup()
+BB.Test.Servo.setup()
 BB.Test.Brake.setup()
 BB.Test.FlakyStore.setup()
 BB.Test.Mischief.setup()

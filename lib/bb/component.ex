@@ -74,13 +74,43 @@ defmodule BB.Component do
   """
   @callback component_kind() :: atom()
 
+  @typedoc """
+  The joint of a component: its name, and its limits in SI units as `BB.Robot.Joint` has them.
+  """
+  @type joint :: %{name: atom(), limits: BB.Robot.Limits.t() | nil}
+
   @doc """
   Returns the options that the kind adds to a component's own options, such as
   `[sensor_profile: …]`.
 
-  The joint's name and the transmission are `nil` where the component has none.
+  The joint and the transmission are `nil` where the component has none.
   """
-  @callback component_options(joint_name :: atom() | nil, BB.Transmission.t() | nil) :: keyword()
+  @callback component_options(joint() | nil, BB.Transmission.t() | nil) :: keyword()
+
+  @doc """
+  Prepares the process of a component before its `init/1` is called with `options`.
+
+  The result is passed to `c:component_request/4`. Kinds without this callback leave all requests
+  to the callback module.
+  """
+  @callback component_start(module(), options :: keyword()) :: term()
+
+  @typedoc "How a request came: `GenServer.call/3`, `GenServer.cast/2`, or any other message."
+  @type transport :: :call | :cast | :message
+
+  @doc """
+  Decides about a request, with the result of `c:component_start/2` and the present options.
+
+  The decisions:
+
+    * `:pass` - the callback of the transport handles it, `handle_call/3` and the like
+    * `{:command, message}` - `handle_command/2` handles this message
+    * `{:answer, reply}` - a call gets this reply; any other request is dropped
+  """
+  @callback component_request(transport(), request :: term(), started :: term(), keyword()) ::
+              :pass | {:command, BB.Message.t()} | {:answer, term()}
+
+  @optional_callbacks component_start: 2, component_request: 4
 
   @doc "Returns whether a loaded module declares a behaviour."
   @spec implements?(module(), module()) :: boolean()

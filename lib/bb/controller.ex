@@ -42,7 +42,7 @@ defmodule BB.Controller do
 
   @doc false
   @impl BB.Component
-  def component_options(_joint_name, _transmission), do: []
+  def component_options(_joint, _transmission), do: []
 
   @doc """
   Returns the health of the robot's controllers, as `BB.Sensor.health/1` does of its sensors.

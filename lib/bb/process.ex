@@ -31,6 +31,40 @@ defmodule BB.Process do
     do: registry_module(robot).whereis_name({registry_name(robot), name})
 
   @doc """
+  Calls a process of a robot by its name and returns its reply.
+
+  Exits as `GenServer.call/3` does when the process is down or does not reply in time.
+  """
+  @spec call(module(), term(), term(), timeout()) :: term()
+  def call(robot, name, request, timeout \\ 5_000),
+    do: GenServer.call(via(robot, name), request, timeout)
+
+  @doc """
+  Casts a request to a process of a robot by its name, and returns `:ok`.
+
+  The request is lost while the process is down.
+  """
+  @spec cast(module(), term(), term()) :: :ok
+  def cast(robot, name, request), do: GenServer.cast(via(robot, name), request)
+
+  @doc """
+  Sends a message to a process of a robot by its name, and returns `:ok`.
+
+  The message is lost while the process is down.
+  """
+  @spec send(module(), term(), term()) :: :ok
+  def send(robot, name, message) do
+    case whereis(robot, name) do
+      :undefined ->
+        :ok
+
+      pid ->
+        _ = Kernel.send(pid, message)
+        :ok
+    end
+  end
+
+  @doc """
   Returns the module of the robot's registry, `Registry` unless its `settings` name another.
   """
   @spec registry_module(module()) :: module()

@@ -65,15 +65,18 @@ defmodule BB.Sensor do
 
   use BB.Component.Kind, word: :sensor
 
-  alias BB.{Message, Parameter, PubSub, Robot, Transmission}
+  alias BB.{Message, PubSub, Transmission}
   alias BB.Component.{Health, Heartbeat, Reason, Server}
   alias BB.Message.Sensor.JointState
   alias BB.Sensor.SensorProfile
+  alias BB.Transmission.Resolver
 
   @doc false
   @impl BB.Component
-  def component_options(joint_name, transmission),
-    do: [sensor_profile: %SensorProfile{joint_name: joint_name, transmission: transmission}]
+  def component_options(joint, transmission) do
+    profile = %SensorProfile{joint_name: joint && joint.name, transmission: transmission}
+    [sensor_profile: profile]
+  end
 
   @doc """
   Returns the health of the robot's sensors, in the order of their declaration.
@@ -145,12 +148,8 @@ defmodule BB.Sensor do
   """
   @spec to_joint_space(module(), [atom(), ...], Message.t()) :: Message.t()
   def to_joint_space(robot, sensor_path, %Message{} = message) do
-    declared = component(robot, List.last(sensor_path)).transmission
-
-    case Transmission.resolve(declared, &Parameter.get!(robot, &1)) do
-      {:ok, transmission} -> Transmission.unapply_to_payload(message, transmission)
-      {:error, error} -> raise error
-    end
+    transmission = Resolver.resolve(robot, :sensor, List.last(sensor_path))
+    Transmission.unapply_to_payload(message, transmission)
   end
 
   @doc """
@@ -164,23 +163,8 @@ defmodule BB.Sensor do
   @spec publish_joint_state(module(), [atom(), ...], keyword()) :: :ok
   def publish_joint_state(robot, path, opts) do
     name = List.last(path)
-
-    frame_id =
-      with {:joint, joint} <- component(robot, name).attached_to, do: joint, else: (_ -> name)
-
+    frame_id = Resolver.joint(robot, :sensor, name) || name
     message = Message.new!(JointState, frame_id, Keyword.put_new(opts, :names, [frame_id]))
     publish(%{robot: robot, path: path}, to_joint_space(robot, path, message))
-  end
-
-  @unattached %{attached_to: nil, transmission: nil}
-
-  # A driver's test need not have a robot.
-  defp component(robot, name) do
-    with true <- Code.ensure_loaded?(robot) and function_exported?(robot, :robot, 0),
-         {:ok, component} <- Robot.fetch_component(robot.robot(), name) do
-      component
-    else
-      _ -> @unattached
-    end
   end
 end

@@ -7,6 +7,8 @@ defmodule BB.ActuatorTest do
   alias BB.Actuator.ActuatorProfile
   alias BB.Message.Sensor.Status
 
+  doctest BB.Actuator
+
   setup do
     robot =
       robot do

@@ -22,6 +22,9 @@ defmodule BB.SafetyTest do
 
     @impl BB.Actuator
     def disarm(opts), do: Brake.disarm(opts)
+
+    @impl BB.Actuator
+    def handle_command(_message, opts), do: {:noreply, opts}
   end
 
   @a [:base, :a]

@@ -79,5 +79,8 @@ defmodule BB.Test.Caliper do
   defdelegate disarm(opts), to: Brake
 
   @impl BB.Actuator
+  def handle_command(_message, state), do: {:noreply, state}
+
+  @impl BB.Actuator
   defdelegate handle_cast(request, state), to: Brake
 end

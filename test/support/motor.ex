@@ -9,6 +9,12 @@ defmodule BB.Test.Motor do
   def init(opts), do: {:ok, opts}
 
   @impl BB.Actuator
+  def disarm(_opts), do: :ok
+
+  @impl BB.Actuator
+  def handle_command(_message, opts), do: {:noreply, opts}
+
+  @impl BB.Actuator
   def handle_options(opts, _old), do: {:ok, opts}
 
   @impl BB.Actuator

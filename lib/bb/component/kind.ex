@@ -7,12 +7,18 @@ defmodule BB.Component.Kind do
       end
 
   The module gets the callbacks that all kinds have, which `BB.Component.Server` calls, and a
-  `__using__` macro for callback modules (`BB.Component.Callbacks`). The kind itself defines
-  `c:BB.Component.component_options/2`.
+  `__using__` macro for callback modules (`BB.Component.Callbacks`), which it may override. The
+  kind itself defines `c:BB.Component.component_options/2`. `disarm: :required` makes the callback
+  `disarm/1` a required one.
   """
 
+  @optional [disarm: 1, explain: 1, inhibition: 0, max_silence: 1, rate: 1, topics: 1]
+
   @doc false
-  defmacro __using__(word: word) do
+  defmacro __using__(opts) do
+    word = Keyword.fetch!(opts, :word)
+    optional = if opts[:disarm] == :required, do: @optional -- [disarm: 1], else: @optional
+
     quote do
       @behaviour BB.Component
 
@@ -20,10 +26,11 @@ defmodule BB.Component.Kind do
       unquote(start_callbacks())
       unquote(server_callbacks())
 
-      @optional_callbacks disarm: 1, explain: 1, inhibition: 0, max_silence: 1, rate: 1, topics: 1
+      @optional_callbacks unquote(optional)
 
       @doc false
       defmacro __using__(opts), do: BB.Component.Callbacks.code(__MODULE__, opts)
+      defoverridable __using__: 1
 
       @doc false
       @impl BB.Component

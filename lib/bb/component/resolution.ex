@@ -16,12 +16,13 @@ defmodule BB.Component.Resolution do
       50
   """
 
-  alias BB.{Component, Options, Robot, Transmission}
+  alias BB.{Component, Robot, Transmission}
+  alias BB.Component.OptionsSchema
   alias BB.Options.ValidationError
   alias BB.Parameter.Reference
 
   @enforce_keys [:module, :kind, :bb, :options]
-  defstruct [:module, :kind, :bb, :options, :joint_name, :transmission]
+  defstruct [:module, :kind, :bb, :options, :joint_name, :limits, :transmission]
 
   @type values :: %{BB.Parameter.path() => term()}
 
@@ -31,6 +32,7 @@ defmodule BB.Component.Resolution do
           bb: %{robot: module(), path: [atom(), ...]},
           options: keyword(),
           joint_name: atom() | nil,
+          limits: Robot.Limits.declared() | nil,
           transmission: Transmission.declared() | nil
         }
 
@@ -41,10 +43,14 @@ defmodule BB.Component.Resolution do
   """
   @spec new(module(), module(), map(), keyword()) :: t()
   def new(kind, module, bb, options) do
-    put_place(
-      %__MODULE__{kind: kind, module: module, bb: bb, options: options},
-      fetch_declared(bb.robot, List.last(bb.path))
-    )
+    resolution = %__MODULE__{kind: kind, module: module, bb: bb, options: options}
+
+    with true <- Code.ensure_loaded?(bb.robot) and function_exported?(bb.robot, :robot, 0),
+         {:ok, component} <- Robot.fetch_component(bb.robot.robot(), List.last(bb.path)) do
+      put_place(resolution, bb.robot.robot(), component)
+    else
+      _ -> resolution
+    end
   end
 
   @doc "Returns the resolution for a component that a robot declares."
@@ -52,13 +58,16 @@ defmodule BB.Component.Resolution do
   def of(robot, %Component{} = component) do
     bb = %{robot: robot, path: component.path}
     %Component{kind: kind, module: module, options: options} = component
-    put_place(%__MODULE__{kind: kind, module: module, bb: bb, options: options}, component)
+    resolution = %__MODULE__{kind: kind, module: module, bb: bb, options: options}
+    put_place(resolution, robot.robot(), component)
   end
 
   @doc "Returns the paths of the parameters to which the options refer."
   @spec paths(t()) :: [BB.Parameter.path()]
-  def paths(%__MODULE__{options: options, transmission: transmission}),
-    do: Enum.uniq(Reference.paths(options) ++ Reference.paths(transmission))
+  def paths(%__MODULE__{} = resolution) do
+    %{options: options, transmission: transmission, limits: limits} = resolution
+    Enum.uniq(Enum.flat_map([options, transmission, limits], &Reference.paths/1))
+  end
 
   @doc """
   Returns the options for `init/1` and `handle_options/2`, with these values of the parameters.
@@ -73,40 +82,38 @@ defmodule BB.Component.Resolution do
 
     with {:ok, options} <- validate(resolution, given),
          {:ok, transmission} <- transmission(resolution, value) do
-      own = resolution.kind.component_options(resolution.joint_name, transmission)
+      own = resolution.kind.component_options(joint(resolution, value), transmission)
       {:ok, [bb: bb] ++ own ++ options}
     end
   end
 
   defp validate(%{module: module, bb: bb}, given) do
-    with {:error, %ValidationError{} = error} <- Options.validate(given, schema(module)),
+    with {:error, %ValidationError{} = error} <- OptionsSchema.validate(module, given, []),
          do: {:error, %{error | keys_path: bb.path ++ error.keys_path}}
   end
 
-  defp schema(module) do
-    if Code.ensure_loaded?(module) and function_exported?(module, :options_schema, 0),
-      do: module.options_schema(),
-      else: []
-  end
+  defp joint(%{joint_name: nil}, _value), do: nil
+
+  defp joint(%{joint_name: name, limits: limits}, value),
+    do: %{name: name, limits: Robot.Limits.resolve(limits, value)}
 
   defp transmission(%{transmission: declared, bb: bb}, value) do
     with {:error, error} <- Transmission.resolve(declared, value),
          do: {:error, %{error | keys_path: bb.path ++ error.keys_path}}
   end
 
-  defp put_place(resolution, nil), do: resolution
+  defp put_place(resolution, robot, component) do
+    resolution = %{resolution | transmission: component.transmission}
 
-  defp put_place(resolution, component) do
-    joint_name = with {:joint, name} <- component.attached_to, do: name, else: (_ -> nil)
-    %{resolution | joint_name: joint_name, transmission: component.transmission}
+    case component.attached_to do
+      {:joint, joint} -> put_joint(resolution, robot, joint)
+      _elsewhere -> resolution
+    end
   end
 
-  defp fetch_declared(robot, name) do
-    with true <- Code.ensure_loaded?(robot) and function_exported?(robot, :robot, 0),
-         {:ok, component} <- Robot.fetch_component(robot.robot(), name) do
-      component
-    else
-      _ -> nil
-    end
+  # Only actuators need the limits of their joint, and follow the parameters in them.
+  defp put_joint(%{kind: kind} = resolution, robot, joint) do
+    limits = if kind.component_kind() == :actuator, do: Robot.Limits.declared(robot, joint)
+    %{resolution | joint_name: joint, limits: limits}
   end
 end

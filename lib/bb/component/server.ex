@@ -33,6 +33,12 @@ defmodule BB.Component.Server do
   process. The callback module receives no message of this watch. Its own subscriptions, also
   below `[:param]`, reach its `handle_info/2` as any message does.
 
+  ## Commands
+
+  A kind with `c:BB.Component.component_request/4` takes requests before the callback module does.
+  A command goes to `handle_command/2`. A call of it gets the reply, or `{:ok, :accepted}` when
+  the callback returns none.
+
   ## Exits
 
   A server with a keeper does not trap exits: it dies with its keeper, even while a callback
@@ -56,6 +62,7 @@ defmodule BB.Component.Server do
     :options,
     :watch,
     :keeper,
+    :started,
     :user_state,
     :timeout_at_ms,
     values: %{},
@@ -78,11 +85,16 @@ defmodule BB.Component.Server do
   @keeper {__MODULE__, :keeper}
   @own [:__callback_module__, :__kind__, :__keeper__, :__heartbeat__, :bb]
 
-  @doc "Starts a component's process, registered under the component's name while its robot runs."
-  @spec start_link(keyword()) :: GenServer.on_start()
-  def start_link(args) do
+  @doc """
+  Starts a component's process, registered under the component's name while its robot runs.
+
+  `genserver_opts` are those of `GenServer.start_link/3`. A `:name` among them is used instead.
+  """
+  @spec start_link(keyword(), GenServer.options()) :: GenServer.on_start()
+  def start_link(args, genserver_opts \\ []) do
     %{robot: robot, path: path} = Keyword.fetch!(args, :bb)
-    GenServer.start_link(__MODULE__, args, name(args[:__keeper__], robot, List.last(path)))
+    name = name(args[:__keeper__], robot, List.last(path))
+    GenServer.start_link(__MODULE__, args, Keyword.merge(name, genserver_opts))
   end
 
   @doc """
@@ -140,12 +152,16 @@ defmodule BB.Component.Server do
     do: run_callback(server, :handle_continue, [argument])
 
   @impl GenServer
-  def handle_call(request, from, server),
-    do: run_callback(server, :handle_call, [request, from])
+  def handle_call(request, from, server) do
+    case route(server, :call, request) do
+      :pass -> run_callback(server, :handle_call, [request, from])
+      {:command, message} -> run_command(server, message, &accept/1)
+      {:answer, reply} -> answer(server, reply)
+    end
+  end
 
   @impl GenServer
-  def handle_cast(request, server),
-    do: run_callback(server, :handle_cast, [request])
+  def handle_cast(request, server), do: handle_sent(server, :cast, :handle_cast, request)
 
   @impl GenServer
   def handle_info({:EXIT, _pid, reason}, %{traps_exits?: true} = server) do
@@ -159,8 +175,7 @@ defmodule BB.Component.Server do
   def handle_info({:DOWN, watch, :process, _pid, _reason}, %{watch: watch} = server),
     do: {:stop, {:shutdown, {__MODULE__, {:absent, :parameters_restart}}}, server}
 
-  def handle_info(message, server),
-    do: run_callback(server, :handle_info, [message])
+  def handle_info(message, server), do: handle_sent(server, :message, :handle_info, message)
 
   @impl GenServer
   def terminate(reason, %{ready?: true} = server),
@@ -173,7 +188,7 @@ defmodule BB.Component.Server do
   defp start(server) do
     with {:ok, server} <- watch_parameters(server),
          {:ok, options} <- check_options(server) do
-      server = %{server | options: options}
+      server = start_kind(%{server | options: options})
       server |> run_init() |> handle_init(server)
     else
       {:error, error} -> {:stop, error}
@@ -192,6 +207,12 @@ defmodule BB.Component.Server do
       [] -> {:ok, server}
       error -> error
     end
+  end
+
+  defp start_kind(%{kind: kind, module: module, options: options} = server) do
+    if function_exported?(kind, :component_start, 2),
+      do: %{server | started: {:ok, kind.component_start(module, options)}},
+      else: server
   end
 
   defp run_init(%{module: module, kind: kind, bb: bb, options: options} = server) do
@@ -258,6 +279,43 @@ defmodule BB.Component.Server do
     apply(server.module, callback, arguments)
   catch
     kind, reason -> :erlang.raise(kind, Callback.showable(reason), __STACKTRACE__)
+  end
+
+  # Requests that the kind handles
+
+  defp route(%{started: nil}, _transport, _request), do: :pass
+
+  defp route(%{kind: kind, started: {:ok, started}} = server, transport, request),
+    do: kind.component_request(transport, request, started, server.options)
+
+  defp handle_sent(server, transport, callback, request) do
+    case route(server, transport, request) do
+      :pass -> run_callback(server, callback, [request])
+      {:command, message} -> run_command(server, message, &drop_reply/1)
+      {:answer, _reply} -> continue_timeout(server)
+    end
+  end
+
+  defp run_command(server, message, change) do
+    returned = apply_callback(server, :handle_command, [message, server.user_state])
+    handle_return(server, change.(returned))
+  end
+
+  # A call of a command is answered at once.
+  defp accept({:noreply, state}), do: {:reply, {:ok, :accepted}, state}
+  defp accept({:noreply, state, next}), do: {:reply, {:ok, :accepted}, state, next}
+  defp accept(other), do: other
+
+  defp drop_reply({:reply, _reply, state}), do: {:noreply, state}
+  defp drop_reply({:reply, _reply, state, next}), do: {:noreply, state, next}
+  defp drop_reply({:stop, reason, _reply, state}), do: {:stop, reason, state}
+  defp drop_reply(other), do: other
+
+  defp answer(server, reply) do
+    case continue_timeout(server) do
+      {:noreply, server} -> {:reply, reply, server}
+      {:noreply, server, timeout_ms} -> {:reply, reply, server, timeout_ms}
+    end
   end
 
   # Puts the callback module's new state into the server's.

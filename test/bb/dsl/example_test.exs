@@ -10,6 +10,12 @@ defmodule BB.Dsl.ExampleTest do
 
     @impl BB.Actuator
     def init(_opts), do: {:ok, nil}
+
+    @impl BB.Actuator
+    def disarm(_opts), do: :ok
+
+    @impl BB.Actuator
+    def handle_command(_message, state), do: {:noreply, state}
   end
 
   defmodule MyRobot do

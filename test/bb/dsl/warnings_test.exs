@@ -21,10 +21,17 @@ defmodule BB.Dsl.WarningsTest do
   defmodule Knowing do
     use BB.Actuator
 
+    @impl BB.Actuator
     def capabilities(opts), do: if(opts[:encoder], do: [:position_feedback], else: [])
 
     @impl BB.Actuator
     def init(opts), do: {:ok, opts}
+
+    @impl BB.Actuator
+    def disarm(_opts), do: :ok
+
+    @impl BB.Actuator
+    def handle_command(_message, state), do: {:noreply, state}
   end
 
   describe "a joint whose position nobody reports" do
