@@ -70,7 +70,8 @@ defmodule ArchitectureTest do
 
     # The kinds of components.
     sensor:
-      {~w(BB.Sensor BB.Sensor.Server BB.Sensor.SensorProfile BB.Actuator.* BB.Controller.*),
+      {~w(BB.Sensor BB.Sensor.Server BB.Sensor.SensorProfile BB.Actuator.* BB.Controller
+          BB.Controller.Server BB.Controller.Action.*),
        ~w(declaration resolver component transmission process safety parameter pub_sub envelope payload options topic telemetry error)a},
     dsl:
       {~w(BB.Dsl.* BB.Robot.Builder BB.Robot.Components BB.Robot.Shapes),
@@ -79,13 +80,15 @@ defmodule ArchitectureTest do
       {~w(BB.Robot.Runtime),
        ~w(declaration parameter safety process pub_sub envelope payload tolerant)a},
     supervisor:
-      {~w(BB.Supervisor.*),
-       ~w(runtime declaration component parameter safety process pub_sub bus simulation topic options callback)a},
+      {~w(BB.Supervisor.* BB.TopologySupervisor BB.SensorSupervisor BB.ControllerSupervisor
+          BB.TaskSupervisor),
+       ~w(runtime declaration component parameter safety process pub_sub bus simulation topic options callback tolerant)a},
     facade: {~w(BB), ~w(dsl supervisor process pub_sub topic path envelope)a},
 
     # Sensors and controllers without a device, which use a robot as its users do.
     derived:
-      {~w(BB.Sensor.Mimic), ~w(facade sensor declaration pub_sub envelope payload unit options)a},
+      {~w(BB.Sensor.Mimic),
+       ~w(facade sensor declaration pub_sub envelope payload unit options)a},
 
     # Drivers, and their interface to the bus. They cannot name the simulation behind it.
     loop: {~w(BB.Loop), ~w(clock envelope unit telemetry)a},

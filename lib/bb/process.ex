@@ -65,6 +65,46 @@ defmodule BB.Process do
   end
 
   @doc """
+  Returns the specification of a component as a child of a supervisor.
+
+  `child` is a module or `{module, options}`, `parent_path` the path of its link or joint, and
+  `kind` is `:sensor`, `:actuator` or `:controller`. The process is registered under `name`. With
+  `simulation:` in `opts`, an actuator is a simulated one.
+
+      iex> spec = BB.Process.child_spec(MyRobot, :imu, BB.Sensor.Mpu6050, [:base], :sensor)
+      iex> {BB.Sensor.Server, :start_link, [args, [name: name]]} = spec.start
+      iex> {spec.id, args[:bb].path, name == BB.Process.via(MyRobot, :imu)}
+      {:imu, [:base, :imu], true}
+
+  The supervisors of a robot start keepers (`BB.Component.Keeper`) instead, which restart a
+  component by themselves.
+  """
+  @spec child_spec(
+          module(),
+          atom(),
+          module() | {module(), keyword()},
+          [atom()],
+          :sensor | :actuator | :controller,
+          keyword()
+        ) :: Supervisor.child_spec()
+  def child_spec(robot, name, child, parent_path, kind, opts \\ [])
+      when kind in [:sensor, :actuator, :controller] do
+    {module, options} = if is_tuple(child), do: child, else: {child, []}
+    bb = %{robot: robot, path: parent_path ++ [name]}
+    {module, options} = simulated(kind, opts[:simulation], module, options)
+    args = [__callback_module__: module, bb: bb] ++ options
+    %{id: name, start: {server(kind), :start_link, [args, [name: via(robot, name)]]}}
+  end
+
+  # The kinds of components build on this module, which therefore has their names as text only.
+  defp server(kind), do: Module.concat(["BB", Macro.camelize("#{kind}"), "Server"])
+
+  defp simulated(:actuator, mode, _module, _options) when mode != nil,
+    do: {Module.concat(["BB", "Sim", "Actuator"]), []}
+
+  defp simulated(_kind, _mode, module, options), do: {module, options}
+
+  @doc """
   Returns the module of the robot's registry, `Registry` unless its `settings` name another.
   """
   @spec registry_module(module()) :: module()

@@ -10,8 +10,11 @@ defmodule BB.Supervisor do
       │                                BB.Robot.Runtime, the positions of the joints
       ├── ▌ BB.Supervisor.Simulation   simulated buses, if the robot declares and uses them
       ├── BB.Safety.Latch              delays the end until the robot is disarmed
-      ├── topology                     BB.Supervisor.Topology
-      │   ├── :battery                 BB.Component.Keeper ── BB.Component.Server
+      ├── ▌ BB.Supervisor.Tasks        BB.TaskSupervisor, a Task.Supervisor for anybody
+      ├── BB.TopologySupervisor        BB.Supervisor.Topology
+      │   ├── BB.SensorSupervisor      BB.Supervisor.Topology
+      │   │   └── :battery             BB.Component.Keeper ── BB.Component.Server
+      │   ├── BB.ControllerSupervisor  BB.Supervisor.Topology
       │   └── link :base_link          BB.Supervisor.Topology
       │       ├── :imu                 BB.Component.Keeper ── BB.Component.Server
       │       └── joint :shoulder      BB.Supervisor.Topology …
@@ -19,7 +22,7 @@ defmodule BB.Supervisor do
 
   A keeper handles each component that crashes, hangs or misses its device
   (`BB.Component.Keeper`). No supervisor sees such a failure, so none restarts for it. ▌ is a
-  bulkhead (`BB.Process.Bulkhead`), which starts simulated buses again when they end.
+  bulkhead (`BB.Process.Bulkhead`), which starts its child again when it ends.
   """
 
   use Supervisor
@@ -28,8 +31,8 @@ defmodule BB.Supervisor do
   alias BB.Component.{OptionsCheck, Resolution}
   alias BB.Options.ValidationError
   alias BB.Parameter.Startup
-  alias BB.Process.Successor
-  alias BB.Supervisor.{Simulation, Topology}
+  alias BB.Process.{Bulkhead, Successor}
+  alias BB.Supervisor.{Simulation, Tasks, Topology}
 
   @options BB.Options.new!(
              params: [
@@ -111,6 +114,7 @@ defmodule BB.Supervisor do
         Simulation.children(robot) ++
         [
           {BB.Safety.Latch, robot},
+          Bulkhead.child_spec({Tasks, robot}),
           {Topology, {robot, nil}},
           {BB.Safety.StopNotice, {robot, self()}}
         ]

@@ -80,10 +80,11 @@ defmodule BB.ActuatorTest do
   test "they are siblings of sensors in the tree, each under its keeper", %{robot: robot} do
     start_supervised!(robot)
     ids = for {id, _pid} <- supervisors(robot), do: id
-    joint = [robot, :topology, {:link, :base}, {:joint, :elbow}]
+    topology = [robot, BB.TopologySupervisor]
+    joint = topology ++ [{:link, :base}, {:joint, :elbow}]
 
     for id <-
-          [[robot, :topology, {:controller, :balance}]] ++
+          [topology ++ [BB.ControllerSupervisor, {:controller, :balance}]] ++
             for(child <- [sensor: :encoder, actuator: :servo], do: joint ++ [child]),
         do: assert(id in ids)
   end

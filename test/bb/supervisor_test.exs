@@ -35,13 +35,16 @@ defmodule BB.SupervisorTest do
         end
 
       start_supervised!(robot)
-      base = [robot, :topology, {:link, :base}]
+      topology = [robot, BB.TopologySupervisor]
+      base = topology ++ [{:link, :base}]
 
       assert Enum.sort(for {id, _pid} <- supervisors(robot), do: id) ==
                Enum.sort([
                  [robot],
-                 [robot, :topology],
-                 [robot, :topology, {:sensor, :battery}],
+                 topology,
+                 topology ++ [BB.SensorSupervisor],
+                 topology ++ [BB.SensorSupervisor, {:sensor, :battery}],
+                 topology ++ [BB.ControllerSupervisor],
                  base,
                  base ++ [{:sensor, :imu}],
                  base ++ [{:joint, :elbow}],
@@ -68,16 +71,101 @@ defmodule BB.SupervisorTest do
         for {id, pid, _, _} <- Enum.reverse(Supervisor.which_children(root)),
             do: {id, Process.info(pid, :registered_name)}
 
-      assert [registry, bus, {:runtime, _}, _latch, {:topology, _}, _notice] = children
+      assert [registry, bus, {:runtime, _}, _latch, tasks, topology, _notice] = children
+      assert {BB.Supervisor.Tasks, _} = tasks
+      assert {BB.TopologySupervisor, _} = topology
       assert {_, {:registered_name, name}} = registry
       assert name == BB.Process.registry_name(robot)
       assert {{BB.PubSub, ^robot}, _} = bus
     end
 
+    test "has supervisors in the robot's registry, and tasks for anybody" do
+      robot = start_up(one_of_three())
+      topology = BB.Process.whereis(robot, BB.TopologySupervisor)
+      assert {_, ^topology, _, _} = find_child(robot, BB.TopologySupervisor)
+
+      for name <- [BB.SensorSupervisor, BB.ControllerSupervisor] do
+        pid = BB.Process.whereis(robot, name)
+        assert {^name, ^pid, :supervisor, _} = find_child(topology, name)
+      end
+
+      test = self()
+      tasks = BB.Process.via(robot, BB.TaskSupervisor)
+      {:ok, _} = Task.Supervisor.start_child(tasks, fn -> send(test, {:task, self()}) end)
+      assert_receive {:task, _pid}
+      assert Task.Supervisor.async(tasks, fn -> 7 end) |> Task.await() == 7
+    end
+
+    test "gives supervisors and tasks their names again when they were killed" do
+      robot = start_up(one_of_three())
+
+      for name <- [BB.SensorSupervisor, BB.TaskSupervisor, BB.TopologySupervisor] do
+        pid = BB.Process.whereis(robot, name)
+        Process.exit(pid, :kill)
+        assert eventually(fn -> BB.Process.whereis(robot, name) not in [pid, :undefined] end)
+      end
+
+      assert BB.Test.Robot.await_all_up(robot)
+    end
+
+    test "has tasks again after the death of the registry" do
+      robot = start_up(one_of_three())
+      pid = BB.Process.whereis(robot, BB.TaskSupervisor)
+      registry = Process.whereis(BB.Process.registry_name(robot))
+      Process.exit(registry, :kill)
+
+      assert eventually(fn -> whereis(robot, BB.TaskSupervisor) not in [pid, :undefined] end)
+      tasks = BB.Process.via(robot, BB.TaskSupervisor)
+      assert Task.Supervisor.async(tasks, fn -> 7 end) |> Task.await() == 7
+    end
+
+    defp whereis(robot, name) do
+      BB.Process.whereis(robot, name)
+    rescue
+      # The registry is being restarted.
+      ArgumentError -> :undefined
+    end
+
+    defp find_child(supervisor, id),
+      do: supervisor |> Supervisor.which_children() |> List.keyfind(id, 0)
+
+    test "starts controllers before the actuators that call them in init/1" do
+      robot =
+        robot do
+          controllers do
+            controller :bus, BB.Test.Brain
+          end
+
+          topology do
+            link :base do
+              joint :elbow do
+                type :continuous
+                actuator :servo, BB.Test.Servo
+                link :arm
+              end
+            end
+          end
+        end
+
+      BB.Test.Servo.observe(robot)
+      test = self()
+
+      BB.Test.Servo.script(robot, :servo,
+        init: fn state ->
+          send(test, {:answer, BB.Process.call(robot, :bus, :options)})
+          {:ok, state}
+        end
+      )
+
+      start_supervised!(robot)
+      assert_receive {:answer, [_ | _]}
+      assert [%{restarts: 0}] = BB.Actuator.health(robot)
+    end
+
     test "is one_for_one: what dies takes nothing else of the robot's parts with it" do
       robot = start_up(one_of_three())
 
-      for part <- [:runtime, :topology] do
+      for part <- [:runtime, BB.TopologySupervisor] do
         before = parts(robot)
         Process.exit(before[part], :kill)
         assert eventually(fn -> parts(robot)[part] not in [before[part], :restarting] end)
@@ -344,7 +432,7 @@ defmodule BB.SupervisorTest do
   test "when the topology supervisor is killed, every sensor is up again, under its name and in health" do
     robot = start_up(one_of_three())
     before = for row <- BB.Sensor.health(robot), do: {row.name, row.pid}
-    {:topology, topology, _, _} = List.keyfind(Supervisor.which_children(robot), :topology, 0)
+    topology = BB.Process.whereis(robot, BB.TopologySupervisor)
     Process.exit(topology, :kill)
 
     for {name, old} <- before do

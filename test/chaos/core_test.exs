@@ -135,7 +135,11 @@ defmodule BB.Test.ChaosCoreTest do
     test "is one of a shared bus that somebody still has open" do
       buses = BB.Bus.I2C.Supervisor
       server = [Ganglion.Supervisor, buses, buses, BB.Bus.I2C.Servers, {BB.Bus.I2C.Server, 1}]
-      [one, other] = for robot <- Robots.all(), do: [robot, :topology, {:sensor, :imu}, :imu]
+
+      [one, other] =
+        for robot <- Robots.all(),
+            do: [robot, BB.TopologySupervisor, BB.SensorSupervisor, {:sensor, :imu}, :imu]
+
       registry = [hd(Robots.all()), Module.concat(hd(Robots.all()), Registry)]
       all = [server, one, other, registry]
       assert Robots.due?(server, MapSet.new([one, other]), all)
@@ -147,12 +151,17 @@ defmodule BB.Test.ChaosCoreTest do
 
     test "is one of a keeper or a supervisor that comes late, and none of a component" do
       robot = hd(Robots.all())
-      keeper = [robot, :topology, {:sensor, :camera}]
+      keeper = [robot, BB.TopologySupervisor, BB.SensorSupervisor, {:sensor, :camera}]
       camera = keeper ++ [:camera]
       ended = MapSet.new([keeper, camera])
       assert Robots.late?(camera, ended, [keeper, camera])
       refute Robots.late?(keeper, ended, [keeper, camera])
-      refute Robots.late?([robot, :topology, {:sensor, :imu}, :imu], ended, [keeper, camera])
+
+      refute Robots.late?(
+               [robot, BB.TopologySupervisor, BB.SensorSupervisor, {:sensor, :imu}, :imu],
+               ended,
+               [keeper, camera]
+             )
     end
   end
 

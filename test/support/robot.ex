@@ -45,7 +45,9 @@ defmodule BB.Test.Robot do
     |> then(&[{Enum.reverse(id), pid} | &1])
   end
 
-  defp part?(:topology), do: true
+  defp part?(id) when id in [BB.TopologySupervisor, BB.SensorSupervisor, BB.ControllerSupervisor],
+    do: true
+
   defp part?({kind, _name}), do: kind in [:link, :joint, :sensor, :actuator, :controller]
   defp part?(_id), do: false
 
@@ -78,7 +80,10 @@ defmodule BB.Test.Robot do
   defp in_topology?(robot, pid) do
     root = Process.whereis(robot)
     {:dictionary, dictionary} = Process.info(pid, :dictionary)
-    {_id, topology, _, _} = root |> Supervisor.which_children() |> List.keyfind(:topology, 0)
+
+    {_id, topology, _, _} =
+      root |> Supervisor.which_children() |> List.keyfind(BB.TopologySupervisor, 0)
+
     topology in dictionary[:"$ancestors"]
   rescue
     # The process has just ended.

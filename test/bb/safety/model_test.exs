@@ -442,7 +442,9 @@ defmodule BB.Safety.ModelTest do
   end
 
   defp topology(root) do
-    {_id, pid, _, _} = root |> Supervisor.which_children() |> List.keyfind(:topology, 0)
+    {_id, pid, _, _} =
+      root |> Supervisor.which_children() |> List.keyfind(BB.TopologySupervisor, 0)
+
     pid
   end
 end

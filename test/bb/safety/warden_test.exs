@@ -145,7 +145,7 @@ defmodule BB.Safety.WardenTest do
     end
 
     defp topologies(root) do
-      for {:topology, pid, _, _} <- Supervisor.which_children(root), do: pid
+      for {BB.TopologySupervisor, pid, _, _} <- Supervisor.which_children(root), do: pid
     catch
       :exit, _ended -> []
     end
@@ -625,7 +625,9 @@ defmodule BB.Safety.WardenTest do
   defp runs(robot), do: {Brake.runs(robot, @a), Brake.runs(robot, @b)}
 
   defp topology(root) do
-    {_id, pid, _, _} = root |> Supervisor.which_children() |> List.keyfind(:topology, 0)
+    {_id, pid, _, _} =
+      root |> Supervisor.which_children() |> List.keyfind(BB.TopologySupervisor, 0)
+
     pid
   end
 
