@@ -87,8 +87,8 @@ defmodule ArchitectureTest do
 
     # Sensors and controllers without a device, which use a robot as its users do.
     derived:
-      {~w(BB.Sensor.Mimic),
-       ~w(facade sensor declaration pub_sub envelope payload unit options)a},
+      {~w(BB.Sensor.Mimic BB.Controller.PatternMatch BB.Controller.Threshold),
+       ~w(facade runtime sensor declaration pub_sub envelope payload unit options)a},
 
     # Drivers, and their interface to the bus. They cannot name the simulation behind it.
     loop: {~w(BB.Loop), ~w(clock envelope unit telemetry)a},
@@ -133,6 +133,8 @@ defmodule ArchitectureTest do
     {~w(BB.Component.Server BB.Actuator.CommandCheck BB.Sensor.Polled BB.Sensor.NativeProcess.*
         BB.Handoff.Inlet BB.Handoff.Outlet),
      "calls in the process of the component, for some at each message"},
+    {~w(BB.Controller.Action BB.Controller.PatternMatch),
+     "calls what the robot declares, in the process of the controller"},
     {~w(BB.Safety.Round), "calls each disarm/1 in a process of its own, with a deadline"},
     {~w(BB.Process.Successor), "starts what the supervisor starts in whose process it is"},
 
