@@ -87,8 +87,9 @@ defmodule ArchitectureTest do
 
     # Sensors and controllers without a device, which use a robot as its users do.
     derived:
-      {~w(BB.Sensor.Mimic BB.Controller.PatternMatch BB.Controller.Threshold),
-       ~w(facade runtime sensor declaration pub_sub envelope payload unit options)a},
+      {~w(BB.Sensor.Mimic BB.Sensor.OpenLoopPositionEstimator.* BB.Controller.PatternMatch
+          BB.Controller.Threshold),
+       ~w(facade runtime sensor declaration pub_sub envelope payload unit unit_option options)a},
 
     # Drivers, and their interface to the bus. They cannot name the simulation behind it.
     loop: {~w(BB.Loop), ~w(clock envelope unit telemetry)a},
