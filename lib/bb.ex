@@ -25,7 +25,8 @@ defmodule BB do
     * `robot/0` - returns the declaration as data, a `BB.Robot`
     * `start_link/0,1` - starts the robot's processes, registered under the module's name
       (`BB.Supervisor`). The option `params:` sets parameters (`BB.Parameter`), `topic_prefix:`
-      sets its topic prefix (`BB.Topic`)
+      sets the robot's topic prefix (`BB.Topic`), and `simulation: :kinematic` simulates its
+      actuators (`BB.Sim.Actuator`)
     * `child_spec/0,1` - returns the child specification of the robot for a supervisor
 
   ## Errors

@@ -73,6 +73,10 @@ defmodule ArchitectureTest do
       {~w(BB.Sensor BB.Sensor.Server BB.Sensor.SensorProfile BB.Actuator.* BB.Controller
           BB.Controller.Server BB.Controller.Action.*),
        ~w(declaration resolver component transmission process safety parameter pub_sub envelope payload options topic telemetry error)a},
+
+    # The components of a simulated robot.
+    simulated:
+      {~w(BB.Sim.* BB.Sensor.OpenLoopPositionEstimator.Motion), ~w(sensor envelope payload)a},
     dsl:
       {~w(BB.Dsl.* BB.Robot.Builder BB.Robot.Components BB.Robot.Shapes),
        ~w(declaration transmission parameter reference sensor simulation path topic options unit)a},
@@ -82,14 +86,14 @@ defmodule ArchitectureTest do
     supervisor:
       {~w(BB.Supervisor.* BB.TopologySupervisor BB.SensorSupervisor BB.ControllerSupervisor
           BB.TaskSupervisor),
-       ~w(runtime declaration component parameter safety process pub_sub bus simulation topic options callback tolerant)a},
+       ~w(runtime declaration component sensor simulated parameter safety process pub_sub bus simulation topic options callback tolerant)a},
     facade: {~w(BB), ~w(dsl supervisor process pub_sub topic path envelope)a},
 
     # Sensors and controllers without a device, which use a robot as its users do.
     derived:
       {~w(BB.Sensor.Mimic BB.Sensor.OpenLoopPositionEstimator.* BB.Controller.PatternMatch
           BB.Controller.Threshold),
-       ~w(facade runtime sensor declaration pub_sub envelope payload unit unit_option options)a},
+       ~w(facade runtime sensor simulated declaration pub_sub envelope payload unit unit_option options)a},
 
     # Drivers, and their interface to the bus. They cannot name the simulation behind it.
     loop: {~w(BB.Loop), ~w(clock envelope unit telemetry)a},

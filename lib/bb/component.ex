@@ -29,6 +29,8 @@ defmodule BB.Component do
       `nil`
     * `:required` - whether the robot is useless without the component
     * `:retain` - whether the pubsub keeps the component's last message for late subscribers
+    * `:simulation` - whether a simulated robot omits it, mocks it or starts it itself; for
+      controllers
     * `:max_silence_ns` - the longest time between two messages, or `nil` for no limit
 
   ## Kinds
@@ -49,7 +51,8 @@ defmodule BB.Component do
     :transmission,
     :max_silence_ns,
     required: false,
-    retain: false
+    retain: false,
+    simulation: :start
   ]
 
   @type attachment :: nil | {:link, atom()} | {:joint, atom()}
@@ -64,7 +67,8 @@ defmodule BB.Component do
           transmission: BB.Transmission.declared() | nil,
           max_silence_ns: pos_integer() | nil,
           required: boolean(),
-          retain: boolean()
+          retain: boolean(),
+          simulation: :omit | :mock | :start
         }
 
   @doc """

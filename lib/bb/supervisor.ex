@@ -32,7 +32,8 @@ defmodule BB.Supervisor do
   alias BB.Options.ValidationError
   alias BB.Parameter.Startup
   alias BB.Process.{Bulkhead, Successor}
-  alias BB.Supervisor.{Simulation, Tasks, Topology}
+  alias BB.Robot.SimulationMode
+  alias BB.Supervisor.{SimulatedComponents, Simulation, Tasks, Topology}
 
   @options BB.Options.new!(
              params: [
@@ -41,6 +42,13 @@ defmodule BB.Supervisor do
                doc:
                  "Values of parameters, nested as the parameters: " <>
                    "`[imu: [rate: ~u(50 hertz)]]`. They override persisted values and defaults."
+             ],
+             simulation: [
+               type: {:in, [nil, :kinematic, :external]},
+               default: nil,
+               doc:
+                 "How the robot is simulated, `nil` for its own hardware. Its actuators are " <>
+                   "`BB.Sim.Actuator`, and a controller is what its field `simulation` says."
              ],
              topic_prefix: [
                type: {:or, [{:custom, BB.Topic, :check_prefix, []}, nil]},
@@ -71,11 +79,16 @@ defmodule BB.Supervisor do
          {:ok, given} <- Startup.given(declared.parameters, opts[:params]),
          :ok <- check_options(declared.components, robot, values(declared.parameters, given)),
          :ok <- check_topics(declared.components, opts[:topic_prefix]) do
-      # A robot that runs keeps its topic prefix.
-      _ = if Process.whereis(robot) == nil, do: Topic.put_prefix(robot, opts[:topic_prefix])
+      # A robot that runs keeps its topic prefix and its mode.
+      _ = if Process.whereis(robot) == nil, do: put_options(robot, declared.components, opts)
       supervisor = BB.Process.supervisor_module(robot)
       supervisor.start_link(__MODULE__, {robot, given}, name: robot)
     end
+  end
+
+  defp put_options(robot, components, opts) do
+    :ok = Topic.put_prefix(robot, opts[:topic_prefix])
+    SimulationMode.put(robot, opts[:simulation], SimulatedComponents.of(components))
   end
 
   @doc """
@@ -126,7 +139,7 @@ defmodule BB.Supervisor do
 
   # Before the robot can be armed.
   defp inhibit(robot) do
-    for %{module: module, path: path} <- robot.robot().components,
+    for %{module: module, path: path} <- SimulationMode.components(robot),
         Code.ensure_loaded?(module) and function_exported?(module, :inhibition, 0),
         do: BB.Safety.inhibit(robot, path, inhibition(module))
   end

@@ -13,6 +13,7 @@ defmodule BB.Component.Health do
   """
 
   alias BB.Component
+  alias BB.Robot.SimulationMode
   alias BB.Component.{PublishRate, Status}
 
   @typedoc """
@@ -61,7 +62,7 @@ defmodule BB.Component.Health do
   def list(robot, kind) do
     registry = started!(robot)
     module = BB.Process.registry_module(robot)
-    components = for %{kind: ^kind} = component <- robot.robot().components, do: component
+    components = for %{kind: ^kind} = component <- SimulationMode.components(robot), do: component
 
     for {component, rates} <- Enum.zip(components, PublishRate.list(robot, components)),
         do: module |> row(registry, component) |> Map.merge(rates)

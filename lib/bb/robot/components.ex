@@ -45,6 +45,7 @@ defmodule BB.Robot.Components do
       transmission: transmission(Map.get(declared, :transmission), place),
       required: declared.required,
       retain: Map.get(declared, :retain, false),
+      simulation: Map.get(declared, :simulation, :start),
       max_silence_ns: nanoseconds(Map.get(declared, :max_silence))
     }
   end

@@ -22,7 +22,7 @@ defmodule BB.Robot.Runtime do
   alias BB.{Message, Parameter, PubSub, Robot, Safety}
   alias BB.Message.Sensor.JointState
   alias BB.Parameter.Values
-  alias BB.Robot.{Configuration, Joint, State}
+  alias BB.Robot.{Configuration, Joint, SimulationMode, State}
 
   # More readings than a robot publishes while its runtime is suspended for a moment.
   @max_queue 10_000
@@ -67,10 +67,10 @@ defmodule BB.Robot.Runtime do
   def velocities(robot), do: robot |> get_robot_state() |> State.get_all_velocities()
 
   @doc "Returns how the robot is simulated, `nil` for a robot that is not."
-  @spec simulation_mode(module()) :: nil
+  @spec simulation_mode(module()) :: SimulationMode.mode() | nil
   def simulation_mode(robot) do
     _ = get_robot_state(robot)
-    nil
+    SimulationMode.mode(robot)
   end
 
   @doc "Returns the name of the robot's runtime for `GenServer.call/3` and the like."

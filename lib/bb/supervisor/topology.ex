@@ -21,6 +21,7 @@ defmodule BB.Supervisor.Topology do
 
   alias BB.Component.Keeper
   alias BB.Robot
+  alias BB.Robot.SimulationMode
   alias BB.Supervisor.Name
 
   @max_restarts 100
@@ -57,7 +58,7 @@ defmodule BB.Supervisor.Topology do
   def init({robot, part}) do
     if name = @names[part], do: Name.register(robot, name)
     if part == nil, do: BB.Safety.Wardens.watch(robot, :topology)
-    declared = robot.robot()
+    declared = %{robot.robot() | components: SimulationMode.components(robot)}
     components = for component <- components(declared, part), do: {Keeper, {robot, component}}
     parts = for carried <- carried_parts(declared, part), do: {__MODULE__, {robot, carried}}
     Supervisor.init(components ++ parts, strategy: :one_for_one, max_restarts: @max_restarts)
