@@ -45,8 +45,8 @@ defmodule BB.Sensor.OpenLoopPositionEstimator do
 
   It publishes a `BB.Message.Sensor.JointState` during each motion that the actuator announces by
   a `BB.Message.Actuator.BeginMotion`, and the last position from time to time. The position is
-  that of the command, not of the joint: nothing shows that the joint has arrived. Before the first
-  motion it publishes nothing.
+  that of the command, not of the joint: nothing shows that the joint has arrived. Before the
+  first motion it publishes nothing.
 
   ## Options
 

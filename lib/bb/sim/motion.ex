@@ -13,8 +13,8 @@ defmodule BB.Sim.Motion do
       iex> BB.Sim.Motion.position(motion, 2_000)
       1.5
 
-  With limits of velocity and acceleration the velocity is a trapezoid, or a triangle where the way
-  is too short for the full velocity. Without a limit of the acceleration it is constant.
+  With limits of velocity and acceleration the velocity is a trapezoid, or a triangle where the
+  way is too short for the full velocity. Without a limit of the acceleration it is constant.
   """
 
   alias BB.Actuator.MotorProfile
