@@ -135,7 +135,8 @@ defmodule BB.Supervisor do
     Supervisor.init(children, strategy: :one_for_one)
   end
 
-  defp runtime(robot), do: Successor.child_spec({BB.Robot.Runtime, robot})
+  # It has a name in the registry, and cannot start again before the registry has.
+  defp runtime(robot), do: Bulkhead.child_spec({BB.Robot.Runtime, robot})
 
   # Before the robot can be armed.
   defp inhibit(robot) do
