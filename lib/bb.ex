@@ -47,6 +47,7 @@ defmodule BB do
       import BB.Dsl.Robot, warn: false
       BB.Dsl.Builder.start(__MODULE__, unquote(place))
       @before_compile BB.Dsl
+      @before_compile BB
 
       @doc "Returns the child specification of the robot for a supervisor."
       @spec child_spec(keyword()) :: Supervisor.child_spec()
@@ -56,6 +57,23 @@ defmodule BB do
       @doc "Starts the robot. See `BB.Supervisor.start_link/2`."
       @spec start_link(keyword()) :: Supervisor.on_start() | {:error, Exception.t()}
       def start_link(opts \\ []), do: BB.Supervisor.start_link(__MODULE__, opts)
+    end
+  end
+
+  # After BB.Dsl, which stores the commands.
+  @doc false
+  defmacro __before_compile__(env) do
+    for %{name: name} <- Module.delete_attribute(env.module, :bb_commands) do
+      quote do
+        @doc """
+        Executes the command `#{unquote(inspect(name))}`. See `BB.Robot.Runtime.execute/3`.
+
+        The goal is a keyword list or a map.
+        """
+        @spec unquote(name)(keyword() | map()) :: {:ok, pid()} | {:error, term()}
+        def unquote(name)(goal \\ []),
+          do: BB.Robot.Runtime.execute(__MODULE__, unquote(name), Map.new(goal))
+      end
     end
   end
 

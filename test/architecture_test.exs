@@ -36,7 +36,7 @@ defmodule ArchitectureTest do
     process_name: {~w(BB.Process.Name), []},
     envelope: {~w(BB.Message BB.Message.Compiler.*), [:options]},
     payload:
-      {~w(BB.Message.* BB.StateMachine.Transition BB.Safety.HardwareError),
+      {~w(BB.Message.* BB.Command.Event BB.StateMachine.Transition BB.Safety.HardwareError),
        [:envelope, :options, :math]},
 
     # The bus moves messages and does not read them: no payload.
@@ -80,14 +80,16 @@ defmodule ArchitectureTest do
     dsl:
       {~w(BB.Dsl.* BB.Robot.Builder BB.Robot.Components BB.Robot.Shapes),
        ~w(declaration transmission parameter reference sensor simulation path topic options unit)a},
+
+    # The robot's state and its commands.
     runtime:
-      {~w(BB.Robot.Runtime),
-       ~w(declaration parameter safety process pub_sub envelope payload tolerant)a},
+      {~w(BB.Robot.Runtime BB.Command.* BB.CommandSupervisor),
+       ~w(dsl declaration component parameter safety process pub_sub envelope payload options callback error tolerant)a},
     supervisor:
       {~w(BB.Supervisor.* BB.TopologySupervisor BB.SensorSupervisor BB.ControllerSupervisor
           BB.TaskSupervisor),
        ~w(runtime declaration component sensor simulated parameter safety process pub_sub bus simulation topic options callback tolerant)a},
-    facade: {~w(BB), ~w(dsl supervisor process pub_sub topic path envelope)a},
+    facade: {~w(BB), ~w(dsl runtime supervisor process pub_sub topic path envelope)a},
 
     # Sensors and controllers without a device, which use a robot as its users do.
     derived:
@@ -122,7 +124,7 @@ defmodule ArchitectureTest do
     # Composition.
     ganglion:
       {~w(Ganglion.*),
-       ~w(firmware errno facade supervisor sensor driver native_process handoff ring bus simulation safety process parameter pub_sub path envelope payload math callback)a},
+       ~w(firmware errno facade supervisor runtime sensor driver native_process handoff ring bus simulation safety process parameter pub_sub path envelope payload math callback)a},
 
     # Mix tasks for people.
     tasks: {~w(Mix.Tasks.*), [:ganglion]}
@@ -140,6 +142,8 @@ defmodule ArchitectureTest do
      "calls in the process of the component, for some at each message"},
     {~w(BB.Controller.Action BB.Controller.PatternMatch),
      "calls what the robot declares, in the process of the controller"},
+    {~w(BB.Command.Server BB.Command.Outcome),
+     "calls the handler in the process of its execution"},
     {~w(BB.Safety.Round), "calls each disarm/1 in a process of its own, with a deadline"},
     {~w(BB.Process.Successor), "starts what the supervisor starts in whose process it is"},
 
@@ -169,8 +173,8 @@ defmodule ArchitectureTest do
   ]
 
   # Functions that Ganglion's own macros define, or that kinds of components have.
-  @made ~w(robot module_info component_kind component_options
-           component_start component_request health)a
+  @made ~w(robot module_info component_kind component_options component_start component_request
+           health __bb_arm_command__ __bb_disarm_command__)a
 
   # Foreign modules, by the beginning of their names, and the modules that may name them.
   @boards ~w(Nerves Shoehorn VintageNet MdnsLite Circuits)

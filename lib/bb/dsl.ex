@@ -71,6 +71,8 @@ defmodule BB.Dsl do
   defmacro __before_compile__(env) do
     declaration = BB.Dsl.Compiler.declaration(BB.Dsl.Builder.finish(env.module))
     robot = BB.Robot.Builder.build(env.module, declaration)
+    commands = for %BB.Dsl.Command{} = command <- declaration.commands, do: command
+    Module.put_attribute(env.module, :bb_commands, commands)
 
     quote do
       @doc "Returns the description of the robot in SI units, a `BB.Robot`."

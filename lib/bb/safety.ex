@@ -43,6 +43,17 @@ defmodule BB.Safety do
     * A handler may call the functions of this module. `disarm/2` returns
       `{:error, :already_disarming}` to it.
 
+  ## Commands that arm and disarm
+
+  A robot may declare a command for each (`BB.Command`, `arm true` and `disarm true`), to home its
+  joints first, or to rest before the power is gone. `arm/1` and `disarm/2` then execute the
+  command and return when it has ended. When the disarm command fails before the robot is safe,
+  the handlers run, the robot is in the state `:error`, and `disarm/2` returns
+  `{:error, {:disarm_command_failed, reason}}`.
+
+  The commands themselves, and whatever must not wait for a command, such as an emergency stop,
+  call `BB.Safety.Controller.arm/1` and `BB.Safety.Controller.disarm/2`.
+
   ## When the robot ends
 
   An armed robot is disarmed when its root supervisor or its topology supervisor dies, for any
@@ -75,7 +86,7 @@ defmodule BB.Safety do
   """
 
   alias BB.{Message, Path, PubSub}
-  alias BB.Safety.{HardwareError, Record, Records, Round, Warden, Wardens}
+  alias BB.Safety.{HardwareError, Record, Records, Round, Route, Warden, Wardens}
 
   @type state :: Record.state()
   @type disarm_error :: Round.error()
@@ -87,6 +98,7 @@ defmodule BB.Safety do
           | :not_registered
           | :not_running
           | {:inhibited, [{Path.t(), reason :: term()}, ...]}
+          | (reason_of_the_arm_command :: term())
 
   @doc """
   Returns whether the robot is armed: `false` for an unknown robot.
@@ -147,9 +159,10 @@ defmodule BB.Safety do
     * `:not_registered` - the robot is not started
     * `:not_running` - the application `:ganglion` is not running; start it again
     * `{:inhibited, [{path, reason}]}` - these paths forbid arming; see `inhibit/3`
+    * any other reason - the error of the robot's arm command, if it has one
   """
   @spec arm(module()) :: :ok | {:error, arm_error()}
-  def arm(robot), do: Wardens.arm(robot)
+  def arm(robot), do: Route.arm(robot)
 
   @doc """
   Disarms the robot. Calls all handlers at once, and returns when the last one has returned or
@@ -159,6 +172,8 @@ defmodule BB.Safety do
 
     * `:already_disarmed`, `:already_disarming`, `:already_in_error` - no handler was called
     * `:not_registered` - the robot is not started
+    * `{:disarm_command_failed, reason}` - the robot's disarm command failed, and the robot is in
+      the state `:error`
     * `{:disarm_failed, [{path, error}]}` - the hardware of these paths may not be safe, and the
       robot is in the state `:error`. An error is
       * `{:returned_error, reason}` - the handler returned `{:error, reason}`; the reason is
@@ -176,8 +191,9 @@ defmodule BB.Safety do
              | :already_disarming
              | :already_in_error
              | :not_registered
+             | {:disarm_command_failed, reason :: term()}
              | {:disarm_failed, [{Path.t(), disarm_error()}, ...]}}
-  def disarm(robot, opts \\ []), do: Wardens.disarm(robot, timeout_ms!(opts))
+  def disarm(robot, opts \\ []), do: Route.disarm(robot, timeout_ms!(opts))
 
   @doc """
   Moves a robot from `:error` to `:disarmed` without calling a handler.

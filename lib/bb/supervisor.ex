@@ -18,6 +18,7 @@ defmodule BB.Supervisor do
       │   └── link :base_link          BB.Supervisor.Topology
       │       ├── :imu                 BB.Component.Keeper ── BB.Component.Server
       │       └── joint :shoulder      BB.Supervisor.Topology …
+      ├── ▌ BB.Command.Supervisor      the commands
       └── BB.Safety.StopNotice         announces that the robot is being stopped
 
   A keeper handles each component that crashes, hangs or misses its device
@@ -129,6 +130,7 @@ defmodule BB.Supervisor do
           {BB.Safety.Latch, robot},
           Bulkhead.child_spec({Tasks, robot}),
           {Topology, {robot, nil}},
+          Bulkhead.child_spec({BB.Command.Supervisor, robot}),
           {BB.Safety.StopNotice, {robot, self()}}
         ]
 

@@ -11,6 +11,7 @@ defmodule Ganglion.Application do
 
       Ganglion.Supervisor                   one_for_one
       ├── ▌ BB.Safety.Anchor                starts BB.Safety.Supervisor again
+      ├── ▌ BB.Command.Results              the results of commands
       ├── ▌ BB.Bus.Sim.Registry             names of simulated buses
       ├── ▌ BB.Bus.Sim.GPIO.Registry        names of simulated chips of lines
       ├── ▌ BB.Bus.I2C.Supervisor           see there
@@ -58,6 +59,7 @@ defmodule Ganglion.Application do
   defp always do
     [
       Safety.Anchor,
+      BB.Command.Results,
       {Registry, keys: :unique, name: BB.Bus.Sim.Registry},
       {Registry, keys: :unique, name: BB.Bus.Sim.GPIO.Registry},
       BB.Bus.I2C.Supervisor

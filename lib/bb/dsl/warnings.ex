@@ -217,7 +217,7 @@ defmodule BB.Dsl.Warnings do
     known = [:default, :*, nil | names(root, :commands, :category)]
     used = [command.fields[:category] | Map.get(command.fields, :cancel, [])]
 
-    for category <- used -- known do
+    for category <- Enum.uniq(used) -- known do
       "#{Node.describe(command)} references undefined category #{inspect(category)}; " <>
         "declare it in `commands`"
     end

@@ -177,7 +177,7 @@ defmodule BB.Firmware.Network do
     )
 
     robot = state.robot
-    {_pid, ref} = spawn_monitor(fn -> Safety.disarm(robot) end)
+    {_pid, ref} = spawn_monitor(fn -> Safety.Controller.disarm(robot) end)
     %{state | disarming: ref}
   end
 

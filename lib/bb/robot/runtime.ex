@@ -1,7 +1,8 @@
 defmodule BB.Robot.Runtime do
   @moduledoc """
-  What a robot that runs knows of itself: its description with the current parameters, and the
-  positions and velocities of its joints. Use it in tools and in user interfaces.
+  What a robot that runs knows of itself: its description with the current parameters, the
+  positions and velocities of its joints, its state and its commands. Use it in tools and in user
+  interfaces.
 
       BB.Robot.Runtime.configurations(MyRobot)
       #=> %{shoulder: 0.52, elbow: -1.2}
@@ -13,6 +14,18 @@ defmodule BB.Robot.Runtime do
   for an unknown joint, or of the wrong shape for its joint, is skipped. A joint that no sensor
   reports stays at its first configuration (`BB.Robot.State`).
 
+  ## State
+
+  `state/1` is the robot's safety state unless it is armed, and its operational state while it is:
+  `:idle` or one of its `states`. While commands run in `:idle` it is `:executing`. Arming a robot
+  begins in its `initial_state`. Each change is published as `BB.StateMachine.Transition` on
+  `[:state_machine]`.
+
+      {:ok, command} = BB.Robot.Runtime.execute(MyRobot, :wave, %{times: 2})
+      BB.Robot.Runtime.state(MyRobot)
+      #=> :executing
+      {:ok, :waved} = BB.Command.await(command)
+
   All functions but `via/1` and `state/1` raise `ArgumentError` when the robot is not started.
   """
 
@@ -20,6 +33,7 @@ defmodule BB.Robot.Runtime do
   use BB.Process.Tolerant
 
   alias BB.{Message, Parameter, PubSub, Robot, Safety}
+  alias BB.Command.{Admission, Dispatcher, Executions, Goal}
   alias BB.Message.Sensor.JointState
   alias BB.Parameter.Values
   alias BB.Robot.{Configuration, Joint, SimulationMode, State}
@@ -47,16 +61,98 @@ defmodule BB.Robot.Runtime do
   end
 
   @doc """
-  Returns the state of the robot: `:disarmed`, `:disarming`, `:error`, or `:idle` while it is
-  armed.
+  Returns the state of the robot: `:disarmed`, `:disarming`, `:error`, or its operational state
+  while it is armed, but `:executing` while commands run in `:idle`.
   """
   @spec state(module()) :: atom()
   def state(robot) do
     case Safety.state(robot) do
-      :armed -> :idle
+      :armed -> Executions.state(robot)
       state -> state
     end
   end
+
+  @doc """
+  Returns the operational state of the robot, which it keeps while it is disarmed.
+  """
+  @spec operational_state(module()) :: atom()
+  defdelegate operational_state(robot), to: Executions, as: :operational
+
+  @doc """
+  Changes the operational state of the robot.
+
+  Returns `{:error, %BB.Error.State.Invalid{}}` for a state that the robot does not have.
+  """
+  @spec transition(module(), atom()) :: :ok | {:error, term()}
+  defdelegate transition(robot, state), to: Dispatcher
+
+  @doc """
+  Executes a command, and returns the process of its execution: `{:ok, pid}`.
+
+  `goal` has the arguments of the command (`coerce_goal/2`). `BB.Command.await/2` waits for the
+  result. Errors:
+
+    * `{:unknown_command, name}`
+    * `%BB.Error.Invalid.Command{}` - a required argument is missing
+    * `:safety_error`, `:disarming` - no command starts in these states
+    * `%BB.Error.State.NotAllowed{}` - the command is not allowed in the state of the robot
+    * `%BB.Error.Category.Full{}` - as many commands of its category run as may
+    * `:unavailable` - the processes that execute commands are being restarted
+  """
+  @spec execute(module(), atom(), map() | keyword()) :: {:ok, pid()} | {:error, term()}
+  def execute(robot, name, goal \\ %{}) when is_atom(name),
+    do: Dispatcher.execute(robot, name, Map.new(goal))
+
+  @doc """
+  Turns the strings in a goal, which come from forms, into values of the arguments' types, and
+  adds defaults.
+
+      iex> angle = %BB.Dsl.Command.Argument{name: :angle, type: :float, default: 0.5}
+      iex> BB.Robot.Runtime.coerce_goal(%{angle: "1.25"}, [angle])
+      %{angle: 1.25}
+      iex> BB.Robot.Runtime.coerce_goal(%{}, [angle])
+      %{angle: 0.5}
+  """
+  @spec coerce_goal(map() | keyword(), [BB.Dsl.Command.Argument.t()]) :: map()
+  defdelegate coerce_goal(goal, arguments), to: Goal, as: :coerce
+
+  @doc "Cancels all executions. Returns `{:error, :no_execution}` when no command runs."
+  @spec cancel(module()) :: :ok | {:error, :no_execution | :unavailable}
+  defdelegate cancel(robot), to: Dispatcher
+
+  @doc "Returns whether a command runs."
+  @spec executing?(module()) :: boolean()
+  def executing?(robot), do: executing_commands(robot) != []
+
+  @doc "Returns whether a command of a category runs."
+  @spec executing?(module(), atom()) :: boolean()
+  def executing?(robot, category),
+    do: Enum.any?(executing_commands(robot), &(&1.category == category))
+
+  @doc "Returns the commands that run, the oldest first."
+  @spec executing_commands(module()) :: [Executions.execution()]
+  defdelegate executing_commands(robot), to: Executions, as: :list
+
+  @doc """
+  Returns how many commands of each category run, and how many may:
+  `%{category => {running, limit}}`.
+  """
+  @spec category_availability(module()) :: %{atom() => {non_neg_integer(), pos_integer()}}
+  def category_availability(robot) do
+    running = robot |> executing_commands() |> Enum.frequencies_by(& &1.category)
+
+    Map.new(Executions.limits(robot), fn {category, limit} ->
+      {category, {Map.get(running, category, 0), limit}}
+    end)
+  end
+
+  @doc """
+  Checks that a command with these `allowed_states` could start in the state of the robot: `:ok`,
+  or the error of `execute/3`.
+  """
+  @spec check_allowed(module(), [atom()]) :: :ok | {:error, term()}
+  def check_allowed(robot, states),
+    do: Admission.check_allowed(:command, List.wrap(states), Executions.situation(robot))
 
   @doc "Returns the positions of all joints: floats in rad or m, or transforms."
   @spec configurations(module()) :: %{atom() => Configuration.t()}

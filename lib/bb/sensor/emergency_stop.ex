@@ -88,7 +88,7 @@ defmodule BB.Sensor.EmergencyStop do
     bb = opts[:bb]
     :ok = Safety.inhibit(bb.robot, bb.path, :starting)
     # The line is not watched while new options are applied.
-    _ = Safety.disarm(bb.robot)
+    _ = Safety.Controller.disarm(bb.robot)
 
     with {:error, reason} <- Line.open_with(fn -> open_line(opts) end, &start(&1, opts)) do
       :ok = Safety.inhibit(bb.robot, bb.path, :failed)
@@ -180,7 +180,7 @@ defmodule BB.Sensor.EmergencyStop do
   # change.
   defp halt_robot(%{robot: robot, path: path}, reason) do
     :ok = Safety.inhibit(robot, path, reason)
-    _ = :erlang.spawn_opt(fn -> Safety.disarm(robot) end, priority: :high)
+    _ = :erlang.spawn_opt(fn -> Safety.Controller.disarm(robot) end, priority: :high)
     :ok
   end
 
