@@ -70,9 +70,9 @@ defmodule ArchitectureTest do
 
     # The kinds of components.
     sensor:
-      {~w(BB.Sensor BB.Sensor.Server BB.Sensor.SensorProfile BB.Actuator.* BB.Controller
-          BB.Controller.Server BB.Controller.Action.*),
-       ~w(declaration resolver component transmission process safety parameter pub_sub envelope payload options topic telemetry error)a},
+      {~w(BB.Sensor BB.Sensor.Server BB.Sensor.SensorProfile BB.Actuator.* BB.Estimator.*
+          BB.Controller BB.Controller.Server BB.Controller.Action.*),
+       ~w(declaration resolver component transmission process safety parameter pub_sub envelope payload options topic telemetry callback error)a},
 
     # The components of a simulated robot.
     simulated:
@@ -84,7 +84,7 @@ defmodule ArchitectureTest do
     # The robot's state and its commands.
     runtime:
       {~w(BB.Robot.Runtime BB.Command.* BB.CommandSupervisor),
-       ~w(dsl declaration component parameter safety process pub_sub envelope payload options callback error tolerant)a},
+       ~w(dsl declaration component parameter reference safety process pub_sub envelope payload options callback error tolerant)a},
     supervisor:
       {~w(BB.Supervisor.* BB.TopologySupervisor BB.SensorSupervisor BB.ControllerSupervisor
           BB.TaskSupervisor),
@@ -137,7 +137,7 @@ defmodule ArchitectureTest do
 
     # In the process of the component, which only its own code can harm: its keeper restarts it,
     # and kills it if it does not end.
-    {~w(BB.Component.Server BB.Actuator.CommandCheck BB.Sensor.Polled BB.Sensor.NativeProcess.*
+    {~w(BB.Component.Server BB.Estimator.Server BB.Actuator.CommandCheck BB.Sensor.Polled BB.Sensor.NativeProcess.*
         BB.Handoff.Inlet BB.Handoff.Outlet),
      "calls in the process of the component, for some at each message"},
     {~w(BB.Controller.Action BB.Controller.PatternMatch),
@@ -174,7 +174,7 @@ defmodule ArchitectureTest do
 
   # Functions that Ganglion's own macros define, or that kinds of components have.
   @made ~w(robot module_info component_kind component_options component_start component_request
-           health __bb_arm_command__ __bb_disarm_command__)a
+           component_apply health __bb_arm_command__ __bb_disarm_command__)a
 
   # Foreign modules, by the beginning of their names, and the modules that may name them.
   @boards ~w(Nerves Shoehorn VintageNet MdnsLite Circuits)

@@ -1,10 +1,10 @@
 defmodule BB.Component do
   @moduledoc """
-  A component of a robot as it is declared: a sensor, an actuator or a controller.
+  A component of a robot as it is declared: a sensor, an actuator, a controller or an estimator.
 
   `MyRobot.robot().components` lists the components of a robot as these structs. The struct is for
-  code that reads a robot's declaration; a driver implements `BB.Sensor`, `BB.Actuator` or
-  `BB.Controller`.
+  code that reads a robot's declaration; a driver implements `BB.Sensor`, `BB.Actuator`,
+  `BB.Controller` or `BB.Estimator`.
 
       iex> component = %BB.Component{
       ...>   name: :imu,
@@ -19,11 +19,12 @@ defmodule BB.Component do
   ## Fields
 
     * `:name` - the name, unique among all components of the robot
-    * `:kind` - the behaviour that the module implements: `BB.Sensor`, `BB.Actuator` or
-      `BB.Controller`
+    * `:kind` - the behaviour that the module implements: `BB.Sensor`, `BB.Actuator`,
+      `BB.Controller` or `BB.Estimator`
     * `:module`, `:options` - the callback module and its options as declared
     * `:path` - the component's place: `[name]` on the robot itself, `[link…, name]` on a link,
-      `[link…, joint, name]` on a joint
+      `[link…, joint, name]` on a joint, and for an estimator the same or `[…, sensor, name]` in a
+      sensor
     * `:attached_to` - `nil` (the robot), `{:link, name}` or `{:joint, name}`
     * `:transmission` - the gears between the component and its joint (`BB.Transmission`), or
       `nil`
@@ -31,6 +32,7 @@ defmodule BB.Component do
     * `:retain` - whether the pubsub keeps the component's last message for late subscribers
     * `:simulation` - whether a simulated robot omits it, mocks it or starts it itself; for
       controllers
+    * `:estimator` - the topics, times and commands of an estimator, `nil` for other kinds
     * `:max_silence_ns` - the longest time between two messages, or `nil` for no limit
 
   ## Kinds
@@ -50,12 +52,31 @@ defmodule BB.Component do
     :attached_to,
     :transmission,
     :max_silence_ns,
+    :estimator,
     required: false,
     retain: false,
     simulation: :start
   ]
 
   @type attachment :: nil | {:link, atom()} | {:joint, atom()}
+
+  @typedoc "An input of an estimator: its topic, and whether it triggers the estimator."
+  @type input :: %{name: atom(), path: [atom()], driver?: boolean()}
+
+  @typedoc "What is declared of an estimator alone."
+  @type estimator :: %{
+          topic: [atom(), ...],
+          target_frame: atom(),
+          inputs: [input(), ...],
+          outputs: %{atom() => [atom()]},
+          sync_tolerance_ns: non_neg_integer() | nil,
+          latency_budget_ns: non_neg_integer() | nil,
+          lost_after_ns: non_neg_integer() | nil,
+          recover_after: pos_integer(),
+          on_degraded: atom() | nil,
+          on_lost: atom() | nil,
+          on_recovered: atom() | nil
+        }
 
   @type t :: %__MODULE__{
           name: atom(),
@@ -66,6 +87,7 @@ defmodule BB.Component do
           attached_to: attachment(),
           transmission: BB.Transmission.declared() | nil,
           max_silence_ns: pos_integer() | nil,
+          estimator: estimator() | nil,
           required: boolean(),
           retain: boolean(),
           simulation: :omit | :mock | :start
@@ -114,7 +136,14 @@ defmodule BB.Component do
   @callback component_request(transport(), request :: term(), started :: term(), keyword()) ::
               :pass | {:command, BB.Message.t()} | {:answer, term()}
 
-  @optional_callbacks component_start: 2, component_request: 4
+  @doc """
+  Calls a callback of a module, for a kind that does something before and after it.
+
+  Kinds without this callback do not.
+  """
+  @callback component_apply(module(), callback :: atom(), arguments :: [term()]) :: term()
+
+  @optional_callbacks component_start: 2, component_request: 4, component_apply: 3
 
   @doc "Returns whether a loaded module declares a behaviour."
   @spec implements?(module(), module()) :: boolean()
@@ -125,6 +154,7 @@ defmodule BB.Component do
 
   @doc "Returns the path on which a component publishes."
   @spec data_path(t()) :: [atom()]
+  def data_path(%__MODULE__{estimator: %{topic: topic}}), do: topic
   def data_path(%__MODULE__{kind: kind, path: path}), do: [kind.component_kind() | path]
 
   @doc "Returns the path on which the changes of a component's status are published."

@@ -276,7 +276,9 @@ defmodule BB.Component.Server do
 
   # The machine's log shows why a process exits, and must be able to.
   defp apply_callback(server, callback, arguments) do
-    apply(server.module, callback, arguments)
+    if function_exported?(server.kind, :component_apply, 3),
+      do: server.kind.component_apply(server.module, callback, arguments),
+      else: apply(server.module, callback, arguments)
   catch
     kind, reason -> :erlang.raise(kind, Callback.showable(reason), __STACKTRACE__)
   end

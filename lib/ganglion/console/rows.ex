@@ -24,7 +24,7 @@ defmodule Ganglion.Console.Rows do
   @doc "Returns a row for each sensor, actuator and controller of a robot."
   @spec components(module()) :: [[Table.cell()]]
   def components(robot) do
-    for kind <- [Sensor, BB.Actuator, BB.Controller], row <- kind.health(robot) do
+    for kind <- [Sensor, BB.Actuator, BB.Controller, BB.Estimator], row <- kind.health(robot) do
       required = if row.required, do: "yes", else: "no"
       [row.name, required, row.state, row.restarts, last_error(row)]
     end
