@@ -71,12 +71,14 @@ defmodule ArchitectureTest do
     # The kinds of components.
     sensor:
       {~w(BB.Sensor BB.Sensor.Server BB.Sensor.SensorProfile BB.Actuator.* BB.Estimator.*
+          BB.Bridge
           BB.Controller BB.Controller.Server BB.Controller.Action.*),
        ~w(declaration resolver component transmission process safety parameter pub_sub envelope payload options topic telemetry callback error)a},
 
     # The components of a simulated robot.
     simulated:
-      {~w(BB.Sim.* BB.Sensor.OpenLoopPositionEstimator.Motion), ~w(sensor envelope payload)a},
+      {~w(BB.Sim.* BB.Sensor.OpenLoopPositionEstimator.Motion),
+       ~w(sensor envelope payload tolerant)a},
     dsl:
       {~w(BB.Dsl.* BB.Robot.Builder BB.Robot.Components BB.Robot.Shapes),
        ~w(declaration transmission parameter reference sensor simulation path topic options unit)a},
@@ -87,8 +89,8 @@ defmodule ArchitectureTest do
        ~w(dsl declaration component parameter reference safety process pub_sub envelope payload options callback error tolerant)a},
     supervisor:
       {~w(BB.Supervisor.* BB.TopologySupervisor BB.SensorSupervisor BB.ControllerSupervisor
-          BB.TaskSupervisor),
-       ~w(runtime declaration component sensor simulated parameter safety process pub_sub bus simulation topic options callback tolerant)a},
+          BB.BridgeSupervisor BB.TaskSupervisor),
+       ~w(runtime dsl declaration component sensor simulated parameter reference safety process pub_sub bus simulation topic options callback tolerant)a},
     facade: {~w(BB), ~w(dsl runtime supervisor process pub_sub topic path envelope)a},
 
     # Sensors and controllers without a device, which use a robot as its users do.

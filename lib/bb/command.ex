@@ -75,8 +75,9 @@ defmodule BB.Command do
   ## When a command may start
 
   A command may start in the states of its `allowed_states` (`BB.Robot.Runtime.state/1`), by
-  default `[:idle]`; `:*` stands for all. It first cancels the executions whose category stands in
-  its `cancel`. Then its own category must have room. `BB.Robot.Runtime.execute/3` lists the errors.
+  default `[:idle]`; `:*` stands for all. It first cancels the executions whose category stands
+  in its `cancel`. Then its own category must have room. `BB.Robot.Runtime.execute/3` lists the
+  errors.
   """
 
   alias BB.Command.{Context, Dispatcher, Results}

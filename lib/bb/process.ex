@@ -96,11 +96,34 @@ defmodule BB.Process do
     %{id: name, start: {server(kind), :start_link, [args, [name: via(robot, name)]]}}
   end
 
+  @doc """
+  Returns the specification of a bridge (`BB.Bridge`) as a child of a supervisor: the bridge's
+  module itself is started as a `GenServer`, with the options and `bb:`, under its name.
+
+      iex> spec = BB.Process.bridge_child_spec(MyRobot, :remote, {MyBridge, port: 1}, [])
+      iex> {GenServer, :start_link, [MyBridge, args, [name: _name]]} = spec.start
+      iex> {spec.id, args[:bb], args[:port]}
+      {:remote, %{robot: MyRobot, path: [:remote]}, 1}
+
+  With `simulation:` in `opts` it is a `BB.Sim.Bridge`.
+  """
+  @spec bridge_child_spec(module(), atom(), module() | {module(), keyword()}, keyword()) ::
+          Supervisor.child_spec()
+  def bridge_child_spec(robot, name, child, opts \\ []) do
+    {module, options} = if is_tuple(child), do: child, else: {child, []}
+    {module, options} = simulated(:bridge, opts[:simulation], module, options)
+    args = [bb: %{robot: robot, path: [name]}] ++ options
+    %{id: name, start: {GenServer, :start_link, [module, args, [name: via(robot, name)]]}}
+  end
+
   # The kinds of components build on this module, which therefore has their names as text only.
   defp server(kind), do: Module.concat(["BB", Macro.camelize("#{kind}"), "Server"])
 
   defp simulated(:actuator, mode, _module, _options) when mode != nil,
     do: {Module.concat(["BB", "Sim", "Actuator"]), []}
+
+  defp simulated(:bridge, mode, _module, _options) when mode != nil,
+    do: {Module.concat(["BB", "Sim", "Bridge"]), []}
 
   defp simulated(_kind, _mode, module, options), do: {module, options}
 

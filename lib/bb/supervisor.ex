@@ -18,6 +18,7 @@ defmodule BB.Supervisor do
       │   └── link :base_link          BB.Supervisor.Topology
       │       ├── :imu                 BB.Component.Keeper ── BB.Component.Server
       │       └── joint :shoulder      BB.Supervisor.Topology …
+      ├── ▌ BB.BridgeSupervisor        ▌ each bridge, BB.Bridge
       ├── ▌ BB.Command.Supervisor      the commands
       └── BB.Safety.StopNotice         announces that the robot is being stopped
 
@@ -130,6 +131,7 @@ defmodule BB.Supervisor do
           {BB.Safety.Latch, robot},
           Bulkhead.child_spec({Tasks, robot}),
           {Topology, {robot, nil}},
+          Bulkhead.child_spec({BB.BridgeSupervisor, robot}),
           Bulkhead.child_spec({BB.Command.Supervisor, robot}),
           {BB.Safety.StopNotice, {robot, self()}}
         ]

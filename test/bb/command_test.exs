@@ -131,6 +131,73 @@ defmodule BB.CommandTest do
     end
   end
 
+  # As the generator of Beam Bots writes robots and commands.
+  defmodule Generated do
+    use BB
+
+    settings do
+      name(:generated)
+    end
+
+    commands do
+      command :arm do
+        handler(BB.Command.Arm)
+        allowed_states([:disarmed])
+      end
+
+      command :disarm do
+        handler(BB.Command.Disarm)
+        allowed_states([:idle])
+      end
+
+      command :greet do
+        handler(BB.CommandTest.Greet)
+        timeout(:timer.seconds(5))
+        allowed_states([:idle])
+
+        argument :who, :string do
+          required(true)
+          doc("Whom to greet")
+        end
+      end
+    end
+
+    topology do
+      link :base_link do
+      end
+    end
+  end
+
+  defmodule Greet do
+    use BB.Command
+
+    @impl BB.Command
+    def handle_command(goal, _context, state) do
+      {:stop, :normal, Map.put(state, :result, {:ok, "Hello, #{goal.who}"})}
+    end
+
+    @impl BB.Command
+    def result(%{result: result}), do: result
+  end
+
+  test "a robot as a generator writes it runs" do
+    start_supervised!(Generated)
+    assert Runtime.state(Generated) == :disarmed
+    assert {:error, %State.NotAllowed{}} = Generated.greet(who: "you")
+    {:ok, command} = Generated.arm(%{})
+    assert {:ok, :armed, _options} = Command.await(command)
+    assert Runtime.state(Generated) == :idle
+    {:ok, command} = Generated.greet(%{who: "you"})
+    assert Command.await(command) == {:ok, "Hello, you"}
+    {:ok, command} = Generated.disarm()
+    assert {:ok, :disarmed, _options} = Command.await(command)
+    assert BB.Safety.arm(Generated) == :ok
+    assert BB.Safety.disarm(Generated) == :ok
+
+    assert [%BB.Dsl.Command{name: :arm, arm: true}, %{disarm: true}, %{name: :greet}] =
+             BB.Dsl.Info.commands(Generated)
+  end
+
   setup do
     start_supervised!(Robot)
     on_exit(fn -> BB.Safety.force_disarm(Robot) end)
@@ -406,6 +473,22 @@ defmodule BB.CommandTest do
       eventually_idle()
       assert Runtime.state(Robot) == :recording
       {_pid, _context, _state} = run(:move)
+    end
+
+    test "with the registry, after which commands run again" do
+      registry = Process.whereis(BB.Process.registry_name(Robot))
+      {pid, _context, _state} = run(:obey)
+      Process.exit(registry, :kill)
+      assert {:error, _reason} = Command.await(pid, 60_000)
+      start = fn -> match?({:ok, _pid}, try_obey()) end
+      assert eventually(start)
+    end
+
+    # The registry and the bus of parameters may be about to restart.
+    defp try_obey do
+      Robot.obey(owner: self())
+    rescue
+      ArgumentError -> :restarting
     end
 
     test "often, without end of the robot" do

@@ -71,7 +71,8 @@ defmodule BB.SupervisorTest do
         for {id, pid, _, _} <- Enum.reverse(Supervisor.which_children(root)),
             do: {id, Process.info(pid, :registered_name)}
 
-      assert [registry, bus, {:runtime, _}, _latch, tasks, topology, commands, _notice] = children
+      assert [registry, bus, {:runtime, _}, _latch, tasks, topology | rest] = children
+      assert [{BB.BridgeSupervisor, _}, commands, _notice] = rest
       assert {BB.Command.Supervisor, _} = commands
       assert {BB.Supervisor.Tasks, _} = tasks
       assert {BB.TopologySupervisor, _} = topology

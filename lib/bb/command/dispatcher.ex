@@ -78,6 +78,8 @@ defmodule BB.Command.Dispatcher do
 
   @impl GenServer
   def init(robot) do
+    # BB.CommandSupervisor has its name in the registry, and ends with this process.
+    true = Process.link(Process.whereis(BB.Process.registry_name(robot)))
     Executions.clear(robot)
 
     {:ok, _bus} =

@@ -19,8 +19,9 @@ defmodule BB.Process.TolerantTest do
     nil
   ]
 
-  # Their clauses call the callbacks of components, which have defaults of their own.
-  @others [BB.Component.Server]
+  # Their clauses call the callbacks of components and commands, which have defaults of their own.
+  # The simulated bridge answers every call.
+  @others [BB.Component.Server, BB.Command.Server, BB.Sim.Bridge]
 
   # Matches its lines before the request, so it is tested below, with lines.
   @later [BB.Bus.Sim.GPIO.Server]
@@ -47,6 +48,8 @@ defmodule BB.Process.TolerantTest do
           BB.PubSub.Registrar,
           BB.Parameter.Owner,
           BB.Component.Keeper,
+          BB.Command.Dispatcher,
+          BB.Command.Results,
           BB.Bus.I2C.Server,
           BB.Firmware.Gate,
           BB.Firmware.Guard
