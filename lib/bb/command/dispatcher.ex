@@ -237,7 +237,7 @@ defmodule BB.Command.Dispatcher do
     }
 
     publish_event(robot, command.name, id, :started, %{goal: goal})
-    publish_transition(dispatcher, before)
+    dispatcher = publish_transition(dispatcher, before)
     Server.begin(pid)
     if request.for == :anyone, do: GenServer.reply(request.from, {:ok, pid})
     %{dispatcher | running: Map.put(dispatcher.running, id, execution)}

@@ -125,15 +125,13 @@ defmodule BB.Estimator.Server do
 
   defp publish(callback, returned) do
     {outputs, rest} = Returned.split(callback, returned)
-    if outputs != [], do: publish_outputs(get(), outputs)
+    Enum.each(outputs, &publish_output(get(), &1))
     rest
   end
 
-  defp publish_outputs(server, outputs) do
-    for {name, message} <- outputs do
-      PubSub.publish(server.robot, topic!(server, name), message)
-      emit(server, :output, %{count: 1}, %{output: name})
-    end
+  defp publish_output(server, {name, message}) do
+    PubSub.publish(server.robot, topic!(server, name), message)
+    emit(server, :output, %{count: 1}, %{output: name})
   end
 
   defp topic!(%{declared: %{outputs: outputs}} = server, name) do
