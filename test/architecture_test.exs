@@ -85,11 +85,11 @@ defmodule ArchitectureTest do
 
     # The robot's state and its commands.
     runtime:
-      {~w(BB.Robot.Runtime BB.Command.* BB.CommandSupervisor),
+      {~w(BB.Robot.Runtime BB.Command.*),
        ~w(dsl declaration component parameter reference safety process pub_sub envelope payload options callback error tolerant)a},
     supervisor:
       {~w(BB.Supervisor.* BB.TopologySupervisor BB.SensorSupervisor BB.ControllerSupervisor
-          BB.BridgeSupervisor BB.TaskSupervisor),
+          BB.BridgeSupervisor BB.Command.Supervisor BB.CommandSupervisor BB.TaskSupervisor),
        ~w(runtime dsl declaration component sensor simulated parameter reference safety process pub_sub bus simulation topic options callback tolerant)a},
     facade: {~w(BB), ~w(dsl runtime supervisor process pub_sub topic path envelope)a},
 

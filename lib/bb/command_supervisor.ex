@@ -10,12 +10,17 @@ defmodule BB.CommandSupervisor do
 
   use DynamicSupervisor
 
+  alias BB.Command.Dispatcher
+  alias BB.Supervisor.Name
+
   @doc "Starts the supervisor of a robot."
   @spec start_link(module()) :: Supervisor.on_start()
-  def start_link(robot) do
-    DynamicSupervisor.start_link(__MODULE__, robot, name: BB.Process.via(robot, __MODULE__))
-  end
+  def start_link(robot),
+    do: DynamicSupervisor.start_link(__MODULE__, robot, name: Dispatcher.supervisor(robot))
 
   @impl DynamicSupervisor
-  def init(_robot), do: DynamicSupervisor.init(strategy: :one_for_one)
+  def init(robot) do
+    Name.register(robot, __MODULE__)
+    DynamicSupervisor.init(strategy: :one_for_one)
+  end
 end

@@ -477,9 +477,7 @@ defmodule BB.CommandTest do
 
     test "with the registry, after which commands run again" do
       registry = Process.whereis(BB.Process.registry_name(Robot))
-      {pid, _context, _state} = run(:obey)
       Process.exit(registry, :kill)
-      assert {:error, _reason} = Command.await(pid, 60_000)
       start = fn -> match?({:ok, _pid}, try_obey()) end
       assert eventually(start)
     end
@@ -543,6 +541,17 @@ defmodule BB.CommandTest do
     test "when the robot is not armed any more" do
       {pid, _context, _state} = run(:obey)
       assert BB.Safety.disarm(Robot) == :ok
+      assert Command.await(pid) == {:error, :interrupted}
+    end
+
+    @tag :capture_log
+    test "when the robot is not armed any more, also after a death of the bus" do
+      {pid, _context, _state} = run(:obey)
+      bus = Process.whereis(Module.concat(Robot, PubSub))
+      Process.exit(bus, :kill)
+      eventually(fn -> Process.whereis(Module.concat(Robot, PubSub)) not in [bus, nil] end)
+      assert BB.Safety.Controller.disarm(Robot) == :ok
+      assert_receive {:terminated, {:shutdown, :disarmed}}, 5_000
       assert Command.await(pid) == {:error, :interrupted}
     end
 
@@ -691,6 +700,14 @@ defmodule BB.CommandTest do
       assert %{state: :flying, valid_states: [:idle, :recording]} = error
       assert Runtime.check_allowed(Robot, [:recording]) == :ok
       assert {:error, %State.NotAllowed{}} = Runtime.check_allowed(Robot, [:idle])
+    end
+
+    test "is not set to a state that does not exist" do
+      context = %Context{robot_module: Robot, execution_id: make_ref()}
+      state = %{to: :nowhere, result: nil, next_state: nil}
+      assert {:stop, :normal, state} = Command.SetState.handle_command(%{}, context, state)
+      assert {:error, %State.Invalid{state: :nowhere}} = Command.SetState.result(state)
+      assert {:error, :interrupted} = Command.SetState.result(%{result: nil})
     end
 
     test "is changed by a command that runs, and by no other" do

@@ -72,14 +72,16 @@ defmodule BB.Command.Dispatcher do
       if Process.whereis(robot), do: {:error, :unavailable}, else: Values.not_started!(robot)
   end
 
+  @doc "Returns the name of the supervisor of the executions."
+  @spec supervisor(module()) :: module()
+  def supervisor(robot), do: Module.concat(robot, CommandSupervisor)
+
   @doc false
   @spec start_link(module()) :: GenServer.on_start()
   def start_link(robot), do: GenServer.start_link(__MODULE__, robot, name: Route.name(robot))
 
   @impl GenServer
   def init(robot) do
-    # BB.CommandSupervisor has its name in the registry, and ends with this process.
-    true = Process.link(Process.whereis(BB.Process.registry_name(robot)))
     Executions.clear(robot)
 
     {:ok, _bus} =
@@ -206,10 +208,7 @@ defmodule BB.Command.Dispatcher do
   end
 
   defp start_server(argument) do
-    DynamicSupervisor.start_child(
-      BB.Process.via(argument.robot, BB.CommandSupervisor),
-      {Server, argument}
-    )
+    DynamicSupervisor.start_child(supervisor(argument.robot), {Server, argument})
   catch
     # It is being restarted.
     :exit, _reason -> {:error, :unavailable}

@@ -44,6 +44,9 @@ defmodule BB.Safety.RouteTest do
     def init(opts), do: {:ok, opts}
 
     @impl BB.Actuator
+    def handle_command(_message, state), do: {:noreply, state}
+
+    @impl BB.Actuator
     def disarm(opts) do
       if Process.whereis(opts[:owner]), do: send(opts[:owner], :braked)
       :ok
