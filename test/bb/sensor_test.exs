@@ -78,9 +78,11 @@ defmodule BB.SensorTest do
       end
       """
 
-      assert_raise CompileError, ~r/expected one options schema in BB.SensorTest.Both/, fn ->
-        Code.compile_string(source)
-      end
+      assert_raise CompileError,
+                   ~r/BB.SensorTest.Both.*Declare the schema one way, not both/,
+                   fn ->
+                     Code.compile_string(source)
+                   end
     end
 
     test "that is invalid fails to compile" do

@@ -68,7 +68,7 @@ defmodule BB.Component.Callbacks do
       line: env.line,
       description:
         "expected one options schema in #{inspect(env.module)}, got: options_schema/0 and " <>
-          "`options_schema:`; remove one of them"
+          "`options_schema:`. Declare the schema one way, not both"
     ]
   end
 
