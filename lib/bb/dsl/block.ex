@@ -15,6 +15,7 @@ defmodule BB.Dsl.Block do
   # actions of the ready-made ones.
   @units {BB.Unit, [sigil_u: 2]}
   @references {BB.Parameter.Reference, [param: 1]}
+  @reference_modules [BB.Parameter.Reference, BB.Dsl.ParamRef]
   @actions {Module.concat(["BB", "Controller", "Action"]),
             [command: 1, command: 2, handle_event: 1]}
 
@@ -57,10 +58,13 @@ defmodule BB.Dsl.Block do
         do: quote(do: import(unquote(module), only: [], warn: false))
   end
 
-  defp values(kind, caller) when kind in [:parameters, :group, :param],
-    do: [
-      quote(do: import(BB.Parameter.Reference, only: [], warn: false)) | used([@units], caller)
-    ]
+  defp values(kind, caller) when kind in [:parameters, :group, :param] do
+    hidden =
+      for module <- @reference_modules,
+          do: quote(do: import(unquote(module), only: [], warn: false))
+
+    hidden ++ used([@units], caller)
+  end
 
   defp values(:controllers, caller), do: used([@units, @references, @actions], caller)
   defp values(_kind, caller), do: used([@units, @references], caller)
@@ -73,7 +77,13 @@ defmodule BB.Dsl.Block do
         do: quote(do: import(unquote(module), only: unquote(names), warn: false))
   end
 
-  defp imported?(module, caller),
+  # Either module of references will do.
+  defp imported?(module, caller) when module in @reference_modules,
+    do: Enum.any?(@reference_modules, &imports?(&1, caller))
+
+  defp imported?(module, caller), do: imports?(module, caller)
+
+  defp imports?(module, caller),
     do: Enum.any?(caller.functions ++ caller.macros, &match?({^module, [_ | _]}, &1))
 
   defp statements({:__block__, meta, statements}, kind, caller, known),

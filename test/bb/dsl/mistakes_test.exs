@@ -284,6 +284,34 @@ defmodule BB.Dsl.MistakesTest do
       assert declared.robot().joints.j.origin.position == {nil, 2.0, 0.0}
     end
 
+    test "clashes with no other name of the module of references" do
+      source = """
+      defmodule BB.Dsl.MistakesTest.Importing do
+        use BB
+        import BB.Dsl.ParamRef
+
+        parameters do
+          group :arm do
+            param :reach, type: {:unit, :meter}, default: ~u(1 meter)
+          end
+        end
+
+        topology do
+          link :base do
+            joint :j, type: :fixed do
+              origin x: param([:arm, :reach])
+              link :tip
+            end
+          end
+        end
+      end
+      """
+
+      assert capture_io(:stderr, fn -> Code.compile_string(source) end) == ""
+      subscriptions = apply(BB.Dsl.MistakesTest.Importing, :robot, []).param_subscriptions
+      assert subscriptions == %{[:arm, :reach] => [{:joint, :j, [:origin, :x]}]}
+    end
+
     test "of an estimator in a sensor is an input" do
       capture_io(:stderr, fn ->
         error =
