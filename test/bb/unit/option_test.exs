@@ -6,6 +6,7 @@ defmodule BB.Unit.OptionTest do
   import BB.Unit
   import BB.Unit.Option
 
+  alias BB.Dsl.{Block, Grammar}
   alias BB.Options.ValidationError
   alias BB.Parameter.Reference
   alias BB.Unit
@@ -190,26 +191,20 @@ defmodule BB.Unit.OptionTest do
     end
 
     test "have no name twice" do
-      modules = [
-        Kernel,
-        BB.Unit,
-        BB.Unit.Option,
-        BB.Message.Option,
-        BB.Dsl.Robot,
-        BB.Dsl.Component,
-        BB.Dsl.Simulation,
-        BB.Dsl.ParamRef
-      ]
+      imports = [Kernel, BB.Unit, BB.Unit.Option, BB.Message.Option, BB.Dsl.ParamRef]
 
+      # Where parameters are declared, `param` is the word, and param/1 is not imported.
+      for kind <- Grammar.kinds() -- [:parameters, :group],
+          do: assert({kind, twice([Block.words(kind) | imports])} == {kind, []})
+    end
+
+    defp twice(modules) do
       names =
         for module <- modules,
             name <- module.__info__(:functions) ++ module.__info__(:macros),
             do: {name, module}
 
-      twice =
-        for {name, [_, _ | _] = where} <- Enum.group_by(names, &elem(&1, 0)), do: {name, where}
-
-      assert twice == []
+      for {name, [_, _ | _] = where} <- Enum.group_by(names, &elem(&1, 0)), do: {name, where}
     end
   end
 end
