@@ -177,10 +177,12 @@ defmodule BB.ApiTest do
     {BB.Controller.Action.Context, "",
      fields: [:robot_module, :robot, :robot_state, :controller_name]},
     {BB.Process,
-     "via/2 whereis/2 registry_name/1 call/3 call/4 cast/3 send/3 child_spec/5 child_spec/6", []},
+     "via/2 whereis/2 registry_name/1 call/3 call/4 cast/3 send/3 child_spec/5 child_spec/6 " <>
+       "bridge_child_spec/4", []},
     {BB.Transmission.Resolver, "resolve/3 resolve_and_subscribe/3 handle_change/6", []},
     {BB.Sim.Actuator, "init/1 disarm/1 handle_command/2 options_schema/0", []},
     {BB.Sim.Controller, "init/1 handle_call/3 options_schema/0", []},
+    {BB.Sim.Bridge, "init/1", []},
 
     # Parameters
     {BB.Parameter,
