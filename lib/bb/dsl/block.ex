@@ -58,16 +58,21 @@ defmodule BB.Dsl.Block do
         do: quote(do: import(unquote(module), only: [], warn: false))
   end
 
-  defp values(kind, caller) when kind in [:parameters, :group, :param] do
-    hidden =
-      for module <- @reference_modules,
-          do: quote(do: import(unquote(module), only: [], warn: false))
+  # There `param` and `command` are words.
+  defp values(kind, caller) when kind in [:parameters, :group, :param],
+    do: hide(@reference_modules, caller) ++ used([@units], caller)
 
-    hidden ++ used([@units], caller)
-  end
+  defp values(:commands, caller),
+    do: hide([elem(@actions, 0)], caller) ++ used([@units, @references], caller)
 
   defp values(:controllers, caller), do: used([@units, @references, @actions], caller)
   defp values(_kind, caller), do: used([@units, @references], caller)
+
+  defp hide(modules, caller) do
+    for module <- modules,
+        imports?(module, caller),
+        do: quote(do: import(unquote(module), only: [], warn: false))
+  end
 
   # A module that the robot's module imports itself is left as it is.
   defp used(imports, caller) do

@@ -284,15 +284,28 @@ defmodule BB.Dsl.MistakesTest do
       assert declared.robot().joints.j.origin.position == {nil, 2.0, 0.0}
     end
 
-    test "clashes with no other name of the module of references" do
+    test "clashes with neither name of references, nor with actions" do
       source = """
       defmodule BB.Dsl.MistakesTest.Importing do
         use BB
         import BB.Dsl.ParamRef
+        import BB.Controller.Action
 
         parameters do
           group :arm do
             param :reach, type: {:unit, :meter}, default: ~u(1 meter)
+          end
+        end
+
+        controllers do
+          controller :guard,
+                     {BB.Controller.Threshold,
+                      topic: [:sensor], field: :voltage, min: 9.5, action: command(:rest, [])}
+        end
+
+        commands do
+          command :rest do
+            handler BB.Command.Disarm
           end
         end
 
@@ -308,8 +321,10 @@ defmodule BB.Dsl.MistakesTest do
       """
 
       assert capture_io(:stderr, fn -> Code.compile_string(source) end) == ""
-      subscriptions = apply(BB.Dsl.MistakesTest.Importing, :robot, []).param_subscriptions
+      robot = BB.Dsl.MistakesTest.Importing
+      subscriptions = apply(robot, :robot, []).param_subscriptions
       assert subscriptions == %{[:arm, :reach] => [{:joint, :j, [:origin, :x]}]}
+      assert [%BB.Dsl.Command{name: :rest}] = BB.Dsl.Info.commands(robot)
     end
 
     test "of an estimator in a sensor is an input" do
