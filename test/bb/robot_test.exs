@@ -145,9 +145,9 @@ defmodule BB.RobotTest do
       joints = for joint <- Robot.joints_in_order(tree), do: joint.name
       assert joints == [:left, :left_wrist, :right]
       assert Topology.depth_of(tree.topology, :torso) == {:ok, 0}
-      assert Topology.depth_of(tree.topology, :left_gripper) == {:ok, 4}
+      assert Topology.depth_of(tree.topology, :left_gripper) == {:ok, 2}
       assert {:error, %UnknownLink{link: :nose}} = Topology.depth_of(tree.topology, :nose)
-      assert Topology.max_depth(tree.topology) == 4
+      assert Topology.max_depth(tree.topology) == 2
       assert Topology.leaf_links(tree.topology, tree) == [:left_gripper, :right_gripper]
     end
   end

@@ -7,12 +7,12 @@ defmodule BB.Robot.Topology do
       iex> BB.Robot.Topology.path_to(topology, :arm)
       {:ok, [:base, :shoulder, :arm]}
       iex> BB.Robot.Topology.depth_of(topology, :arm)
-      {:ok, 2}
+      {:ok, 1}
 
     * `:link_order`, `:joint_order` - the names, depth first: parents before children, siblings
       in the order of the declaration
     * `:paths` - by the name of each link and joint, the names from the root link to it
-    * `:depth` - by name: the root link 0, its joints 1, their links 2
+    * `:depth` - by name: the root link 0, its joints and their links 1, the next ones 2
   """
 
   alias BB.Error.Kinematics.{NotAnAncestor, UnknownLink}
@@ -38,7 +38,7 @@ defmodule BB.Robot.Topology do
       topology
       | link_order: Enum.reverse(topology.link_order),
         joint_order: Enum.reverse(topology.joint_order),
-        depth: Map.new(topology.paths, fn {name, path} -> {name, length(path) - 1} end)
+        depth: Map.new(topology.paths, fn {name, path} -> {name, div(length(path), 2)} end)
     }
   end
 
