@@ -672,9 +672,9 @@ defmodule BB.DslTest do
     end
 
     test "an option that cannot be compiled" do
-      error = mistake("sensors do\n sensor :s, {BB.Test.Probe, [rate: fn -> 1 end]}\n end")
+      error = mistake("sensors do\n sensor :s, {BB.Test.Probe, [rate: hd([fn -> 1 end])]}\n end")
       assert error.reason =~ "sensor :s: option :rate cannot be part of a compiled module"
-      assert error.reason =~ "name a function as &Module.function/1"
+      assert error.reason =~ "write a function as `fn` or & in the option itself"
     end
 
     test "a name that is no atom" do

@@ -95,7 +95,7 @@ defmodule BB.Dsl.Child do
   defp not_constant(key, value) do
     """
     option #{inspect(key)} cannot be part of a compiled module, got: #{inspect(value)}; \
-    name a function as &Module.function/1, and a process by its registered name\
+    write a function as `fn` or & in the option itself, and name a process by its registered name\
     """
   end
 

@@ -15,7 +15,7 @@ defmodule BB.Dsl.Vocabulary do
   may be any expressions, and entities may stand in comprehensions.
   """
 
-  alias BB.Dsl.{Block, Grammar}
+  alias BB.Dsl.{Block, Functions, Grammar}
 
   defmacro __using__(kind: kind) do
     quote bind_quoted: [kind: kind] do
@@ -57,8 +57,11 @@ defmodule BB.Dsl.Vocabulary do
   def entity(kind, args, caller) do
     {block, args} = take_block(args)
     {fields, plain} = take_fields(args, length(Grammar.arguments(kind)))
+    {plain, definitions} = Functions.lift(plain, caller)
 
     quote do
+      unquote_splicing(definitions)
+
       BB.Dsl.Builder.open(
         __MODULE__,
         unquote(kind),
