@@ -38,7 +38,12 @@ fields =
 locals_without_parens = Enum.uniq(entities ++ fields)
 
 [
-  inputs: ["{mix,.formatter}.exs", "{bench,config,examples,lib,rel,test}/**/*.{ex,exs}"],
+  inputs: [
+    "{mix,.formatter}.exs",
+    "{bench,config,examples,lib,rel,test}/**/*.{ex,exs}",
+    "packages/*/{mix,.formatter}.exs",
+    "packages/*/lib/**/*.ex"
+  ],
   locals_without_parens: locals_without_parens,
   export: [locals_without_parens: locals_without_parens]
 ]

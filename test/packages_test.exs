@@ -11,14 +11,15 @@ defmodule PackagesTest do
   import ExUnit.CaptureIO
   import BB.Test.Robot, only: [robot: 1]
 
+  alias BB.Math.{Quaternion, Vec3}
   alias BB.Message
   alias BB.Message.Actuator.{BeginMotion, Command}
   alias BB.Message.Sensor.{Imu, JointState, PowerState}
   alias BB.Options.ValidationError
-  alias BB.Test.Packages
+  alias BB.Test.{Packages, Source}
 
   setup_all do
-    for package <- ~w(power_monitor sampled_imu pid_controller servo_board),
+    for package <- ~w(power_monitor sampled_imu attitude pid_controller servo_board),
         do: Packages.compile!(package)
 
     :ok
@@ -164,6 +165,48 @@ defmodule PackagesTest do
       assert eventually(fn -> row(BB.Sensor, robot, :imu).restarts > 0 end)
       assert eventually(fn -> up?(BB.Sensor, robot, :imu) end)
       refute user_state(robot, :imu).sampler == sampler
+    end
+  end
+
+  describe "an estimator of the attitude" do
+    test "turns with the rates of its sensor, in the frame of the sensor" do
+      robot =
+        robot do
+          parameters do
+            param :gain, type: :float, default: 0.0
+          end
+
+          topology do
+            link :base_link do
+              sensor :imu, {SampledImu.Sensor, sample_rate: ~u(200 hertz)} do
+                estimator :attitude, {Attitude.Estimator, gain: param([:gain])}
+              end
+            end
+          end
+        end
+
+      start(robot)
+      path = [:sensor, :base_link, :imu, :attitude]
+      {:ok, _} = BB.subscribe(robot, path)
+      assert_receive {:bb, ^path, %Message{frame_id: :imu, payload: %Imu{} = first}}, 60_000
+      assert_receive {:bb, ^path, %Message{payload: %Imu{} = second}}, 60_000
+
+      # The unit turns about z alone, in the positive direction.
+      assert Quaternion.z(second.orientation) > Quaternion.z(first.orientation)
+      assert_in_delta Quaternion.x(second.orientation), 0.0, 1.0e-12
+      assert_in_delta Quaternion.y(second.orientation), 0.0, 1.0e-12
+
+      :ok = BB.Parameter.set(robot, [:gain], 0.25)
+      assert eventually(fn -> user_state(robot, :attitude).filter.gain == 0.25 end)
+    end
+
+    test "finds the tilt by gravity" do
+      tilted = Quaternion.from_axis_angle(Vec3.unit_x(), 0.3)
+      acceleration = Quaternion.rotate_vector(Quaternion.conjugate(tilted), Vec3.new(0, 0, 9.8))
+      filter = struct!(module("Attitude.Filter"), gain: 1.0)
+      update = &module("Attitude.Filter").update(&1, Vec3.zero(), acceleration, 0.01)
+      filter = filter |> Stream.iterate(update) |> Enum.at(3_000)
+      assert_in_delta Quaternion.angular_distance(filter.q, tilted), 0.0, 1.0e-6
     end
   end
 
@@ -378,5 +421,36 @@ defmodule PackagesTest do
     assert Exception.message(error) == "channel 1 has a servo already"
     assert BB.Error.critical?(error)
     assert up?(BB.Actuator, robot, :pan_servo)
+  end
+
+  describe "packages/bb" do
+    for {library, files} <- [
+          spark: ~w(options.ex options/validation_error.ex error/dsl_error.ex),
+          localize: ~w(unit.ex)
+        ] do
+      @tag :tmp_dir
+      test "has no module of #{library} where that is a dependency", %{tmp_dir: folder} do
+        ebin = Path.join([folder, "#{unquote(library)}", "ebin"])
+        File.mkdir_p!(ebin)
+        true = Code.prepend_path(ebin)
+        on_exit(fn -> Code.delete_path(ebin) end)
+
+        for file <- unquote(files),
+            path = Path.join("packages/bb/lib/#{unquote(library)}", file),
+            do: assert(Code.compile_file(path) == [])
+      end
+    end
+
+    test "has the version of the API, and no module of Ganglion" do
+      assert File.read!("packages/bb/mix.exs") =~ ~s(@version "0.31.)
+
+      modules =
+        for file <- Path.wildcard("packages/bb/lib/**/*.ex"),
+            module <- Source.read!(file).modules,
+            do: module
+
+      assert BB.Application in modules
+      assert Enum.filter(modules, &(&1 in Application.spec(:ganglion, :modules))) == []
+    end
   end
 end

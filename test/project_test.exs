@@ -1,12 +1,13 @@
 defmodule ProjectTest do
   @moduledoc """
-  Tests what a project inherits that depends on Ganglion by path and by git. `bin/test project`
-  runs this test; `mix test` skips it, because it builds everything again.
+  Tests what a project inherits that depends on Ganglion by path and by git, or on its application
+  `:bb` (`packages/bb`). `bin/test project` runs this test; `mix test` skips it, because it builds
+  everything again.
   """
 
   use ExUnit.Case, async: false
 
-  alias BB.Test.{Project, Run}
+  alias BB.Test.{Packages, Project, Run}
 
   @moduletag :project
   @moduletag timeout: 1_800_000
@@ -125,6 +126,112 @@ defmodule ProjectTest do
         for app <- ["ganglion", "rover"], do: assert_portable(project, app)
       end
     end
+  end
+
+  @driver_mixfile """
+  defmodule PowerMonitor.MixProject do
+    use Mix.Project
+
+    def project do
+      [app: :power_monitor, version: "0.1.0", deps: [{:bb, "~> 0.30", path: "../bb"}]]
+    end
+
+    def application, do: [extra_applications: [:logger]]
+  end
+  """
+
+  @bot_mixfile """
+  defmodule Bot.MixProject do
+    use Mix.Project
+
+    def project do
+      [
+        app: :bot,
+        version: "0.1.0",
+        deps: [
+          {:bb, path: "#{Path.join(Project.checkout(), "packages/bb")}", override: true},
+          {:power_monitor, path: "../power_monitor"}
+        ]
+      ]
+    end
+
+    def application, do: [extra_applications: [:logger]]
+  end
+  """
+
+  @bot """
+  defmodule Bot do
+    @moduledoc false
+    use BB
+
+    topology do
+      link :base_link do
+        sensor :battery, {PowerMonitor.Sensor, bus: "i2c-1", publish_rate: ~u(50 hertz)}
+      end
+    end
+  end
+  """
+
+  # Prints what the application :bb is, then runs the robot.
+  @run_bot """
+  IO.puts("bb \#{Application.spec(:bb, :vsn)}")
+  started = Application.started_applications() |> Enum.map(&elem(&1, 0)) |> Enum.sort()
+  IO.puts("started \#{inspect(started)}")
+
+  modules = for app <- [:bb, :ganglion], {:ok, modules} = :application.get_key(app, :modules),
+                module <- modules, do: module
+  IO.puts("twice \#{inspect(modules -- Enum.uniq(modules))}")
+
+  {:error, %Spark.Options.ValidationError{key: :bus} = error} =
+    Spark.Options.validate([bus: 1], PowerMonitor.Sensor.options_schema())
+  IO.puts(Exception.message(error))
+
+  try do
+    raise Spark.Error.DslError, module: Bot, path: [:topology], message: "no link"
+  rescue
+    error in BB.Dsl.Error -> IO.puts("raised \#{error.message}")
+  end
+
+  {:ok, _} = Bot.start_link([])
+  {:ok, _} = BB.subscribe(Bot, [:sensor, :base_link, :battery])
+  receive do: ({:bb, _path, %{payload: %{voltage: 7.4}}} -> IO.puts("heard [:battery]"))
+  :ok = Supervisor.stop(Bot)
+  """
+
+  describe "a project with a package that depends on :bb of Hex" do
+    test "is built with packages/bb, whatever version the package asks for, and runs" do
+      project = bot("~> 0.30")
+      Project.run!(project, "mix", ["deps.get"])
+      refute Project.run!(project, "mix", ["compile"]) =~ "warning:"
+      text = Project.run!(project, "mix", ["run", "-e", @run_bot])
+      assert text =~ "bb 0.31."
+      assert started(text) -- [:bb, :bot, :power_monitor | allowed()] == []
+      assert :bb in started(text)
+      assert text =~ "twice []"
+      assert text =~ "invalid value for :bus option: expected string, got: 1"
+      assert text =~ "raised no link"
+      assert text =~ "heard [:battery]"
+      Project.run!(project, "mix", ["format", "--check-formatted"])
+
+      bot("~> 7.0", Path.dirname(project.folder))
+      text = Project.run!(project, "mix", ["run", "-e", @run_bot])
+      assert text =~ "heard [:battery]"
+    end
+  end
+
+  # The package's own dependency is a folder that does not exist, as :bb of Hex is not installed.
+  defp bot(version, folder \\ Project.folder("bot")) do
+    folder
+    |> Project.in_folder(:path)
+    |> Project.write!([
+      {"power_monitor/mix.exs", String.replace(@driver_mixfile, "~> 0.30", version)},
+      {"power_monitor/lib/power_monitor.ex", Packages.text("power_monitor")},
+      {"bot/mix.exs", @bot_mixfile},
+      {"bot/.formatter.exs", ~s([import_deps: [:bb], inputs: ["lib/bot.ex"]]\n)},
+      {"bot/lib/bot.ex", @bot}
+    ])
+
+    folder |> Path.join("bot") |> Project.in_folder(:path)
   end
 
   defp project(how) do
