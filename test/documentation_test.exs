@@ -11,10 +11,17 @@ defmodule DocumentationTest do
 
   alias BB.Test.{DocBlocks, Prose, Run, Source}
 
-  @documents ~w(README.md CONTRIBUTING.md CHANGELOG.md firmware/README.md docs/**/*.md native/**/README.md)
+  @documents ~w(README.md CONTRIBUTING.md CHANGELOG.md firmware/README.md docs/**/*.md native/**/README.md
+                packages/*/README.md)
              |> Enum.flat_map(&Path.wildcard/1)
 
-  @sources ["mix.exs", ".formatter.exs", "{bench,config,examples,lib}/**/*.{ex,exs}"]
+  @sources [
+    "mix.exs",
+    ".formatter.exs",
+    "{bench,config,examples,lib}/**/*.{ex,exs}",
+    "packages/*/{mix,.formatter}.exs",
+    "packages/*/lib/**/*.ex"
+  ]
 
   # The configuration of a release from config/host.exs: the robot that ships, on simulated buses.
   @console """
