@@ -417,10 +417,20 @@ defmodule PackagesTest do
     assert %BB.Error.Invalid.JointConfig{joint: :free, field: :lower} =
              eventually(fn -> row(BB.Actuator, robot, :free_servo).last_error end)
 
-    error = eventually(fn -> row(BB.Actuator, robot, :tilt_servo).last_error end)
+    # Links start side by side, so that either servo may be the first on the channel.
+    errors = fn ->
+      for servo <- [:pan_servo, :tilt_servo],
+          error = row(BB.Actuator, robot, servo).last_error,
+          do: error
+    end
+
+    assert [error] = eventually(fn -> with [] <- errors.(), do: nil end)
     assert Exception.message(error) == "channel 1 has a servo already"
     assert BB.Error.critical?(error)
-    assert up?(BB.Actuator, robot, :pan_servo)
+
+    assert eventually(fn ->
+             Enum.count([:pan_servo, :tilt_servo], &up?(BB.Actuator, robot, &1)) == 1
+           end)
   end
 
   describe "packages/bb" do
