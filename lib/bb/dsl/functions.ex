@@ -13,6 +13,7 @@ defmodule BB.Dsl.Functions do
   """
 
   @counter :bb_functions
+  @prefix "__bb_function_"
 
   @doc """
   Returns the code of a word's arguments with their anonymous functions replaced, and the
@@ -21,6 +22,13 @@ defmodule BB.Dsl.Functions do
   """
   @spec lift([Macro.t()], Macro.Env.t()) :: {[Macro.t()], [Macro.t()]}
   def lift(arguments, caller), do: replace(arguments, [], caller)
+
+  @doc "Returns whether a function is one that `lift/2` has defined."
+  @spec lifted?(function()) :: boolean()
+  def lifted?(function) do
+    name = function |> Function.info() |> Keyword.fetch!(:name) |> Atom.to_string()
+    String.starts_with?(name, @prefix)
+  end
 
   defp replace(list, definitions, caller) when is_list(list),
     do: Enum.map_reduce(list, definitions, &replace(&1, &2, caller))
@@ -41,7 +49,7 @@ defmodule BB.Dsl.Functions do
         {ast, definitions}
 
       arity ->
-        name = :"__bb_function_#{count(caller.module)}__"
+        name = :"#{@prefix}#{count(caller.module)}__"
         capture = quote(do: Function.capture(__MODULE__, unquote(name), unquote(arity)))
         {capture, [definition(name, arity, ast) | definitions]}
     end

@@ -8,7 +8,7 @@ defmodule BB.Dsl.Warnings do
   """
   @moduledoc no_example: "internal: the compiler prints its warnings"
 
-  alias BB.Dsl.{Child, Grammar, Node}
+  alias BB.Dsl.{Child, Functions, Grammar, Node}
   alias BB.Options.ValidationError
   alias BB.Parameter.Reference
 
@@ -85,7 +85,10 @@ defmodule BB.Dsl.Warnings do
   defp modules(value) when is_atom(value),
     do: if(String.starts_with?(Atom.to_string(value), "Elixir."), do: [value], else: [])
 
-  defp modules(value) when is_function(value), do: [Function.info(value)[:module]]
+  # A function of the robot's own module is there when the robot runs.
+  defp modules(value) when is_function(value),
+    do: if(Functions.lifted?(value), do: [], else: [Function.info(value)[:module]])
+
   defp modules([head | tail]), do: modules(head) ++ modules(tail)
   defp modules(value) when is_tuple(value), do: value |> Tuple.to_list() |> modules()
   defp modules(_value), do: []

@@ -1,6 +1,8 @@
 defmodule BB.Dsl.FunctionsTest do
   use ExUnit.Case, async: true
 
+  import ExUnit.CaptureIO
+
   defmodule Lifted do
     use BB
 
@@ -75,5 +77,21 @@ defmodule BB.Dsl.FunctionsTest do
     start_supervised!(Lifted)
     up? = fn -> Enum.all?(BB.Controller.health(Lifted), &(&1.state == :up)) end
     assert BB.Test.Eventually.eventually(up?)
+  end
+
+  test "options with functions are checked as others are" do
+    assert compile("fn _message -> true end") == ""
+
+    assert compile("fn _message, _context -> true end") =~
+             "wrong options for BB.Controller.PatternMatch"
+  end
+
+  defp compile(match) do
+    controller =
+      "{BB.Controller.PatternMatch, topic: [], match: #{match}, action: command(:home)}"
+
+    name = "BB.Dsl.FunctionsTest.Checked#{System.unique_integer([:positive])}"
+    code = "defmodule #{name} do use BB\n controllers do controller :c, #{controller}\n end end"
+    capture_io(:stderr, fn -> Code.compile_string(code) end)
   end
 end

@@ -97,8 +97,8 @@ defmodule BB.Dsl.SimulationTest do
       "a parameter in an option": {~s|i2c "i2c-1" do
         device 0x68, {BB.Bus.Sim.Mpu6050, source: BB.Parameter.Reference.param([:source])}
       end|, ["param([:source])", "write the value itself"]},
-      "a function that cannot be compiled": {~s|i2c "i2c-1" do
-        device 0x68, {BB.Bus.Sim.Mpu6050, source: fn _ -> :motion end}
+      "a value that cannot be compiled": {~s|i2c "i2c-1" do
+        device 0x68, {BB.Bus.Sim.Mpu6050, source: self()}
       end|, ["option :source cannot be part of a compiled module"]}
     ]
 
