@@ -97,7 +97,8 @@ defmodule BB.Safety.Events do
   defp log_cause(robot, {role, :ended}),
     do:
       Logger.warning(
-        "#{inspect(robot)} is disarmed: its #{describe(role)} ended while it was armed"
+        "#{inspect(robot)} runs its disarm handlers: its #{describe(role)} ended while " <>
+          "it was armed"
       )
 
   defp log_cause(_robot, _cause), do: :ok
