@@ -72,8 +72,15 @@ defmodule BB.BridgeSupervisor do
   defp options(robot, name, module, given) do
     options = Reference.resolve(given, &BB.Parameter.get!(robot, &1))
 
-    with {:error, %ValidationError{} = error} <- OptionsSchema.validate(module, options, []),
+    with {:error, %ValidationError{} = error} <- check(module, options),
          do: {:error, %{error | keys_path: [name | error.keys_path]}}
+  end
+
+  # A module that cannot be loaded fails like a device that is absent: when it starts.
+  defp check(module, options) do
+    if Code.ensure_loaded?(module) and function_exported?(module, :options_schema, 0),
+      do: OptionsSchema.validate(module, options, []),
+      else: {:ok, options}
   end
 
   # A first start that failed would fail the robot's. The bulkhead starts the bridge again when
