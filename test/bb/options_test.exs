@@ -1,5 +1,6 @@
 defmodule BB.OptionsTest do
-  use ExUnit.Case, async: true
+  # Captures the output of all processes on stderr.
+  use ExUnit.Case, async: false
   use BB.Test.Prop
 
   import ExUnit.CaptureIO

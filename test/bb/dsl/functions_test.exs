@@ -1,5 +1,6 @@
 defmodule BB.Dsl.FunctionsTest do
-  use ExUnit.Case, async: true
+  # Captures the output of all processes on stderr.
+  use ExUnit.Case, async: false
 
   import ExUnit.CaptureIO
 

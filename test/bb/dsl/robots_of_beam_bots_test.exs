@@ -1,6 +1,7 @@
 defmodule BB.Dsl.RobotsOfBeamBotsTest do
   # Robots and drivers as users of Beam Bots write them, in every style of writing.
-  use ExUnit.Case, async: true
+  # Captures the output of all processes on stderr.
+  use ExUnit.Case, async: false
 
   import BB.Test.Eventually
   import BB.Unit, only: :sigils

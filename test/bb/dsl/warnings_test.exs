@@ -1,5 +1,6 @@
 defmodule BB.Dsl.WarningsTest do
-  use ExUnit.Case, async: true
+  # Captures the output of all processes on stderr.
+  use ExUnit.Case, async: false
 
   import BB.Test.Mistake
   import ExUnit.CaptureIO
