@@ -81,7 +81,7 @@ defmodule ArchitectureTest do
        ~w(sensor envelope payload tolerant)a},
     dsl:
       {~w(BB.Dsl.* BB.Robot.Builder BB.Robot.Components BB.Robot.Shapes),
-       ~w(declaration transmission parameter reference sensor simulation path topic options unit)a},
+       ~w(declaration transmission parameter reference sensor simulation path topic options callback unit)a},
 
     # The robot's state and its commands.
     runtime:

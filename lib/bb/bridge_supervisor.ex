@@ -14,6 +14,7 @@ defmodule BB.BridgeSupervisor do
 
   require Logger
 
+  alias BB.Callback
   alias BB.Component.OptionsSchema
   alias BB.Dsl.{Bridge, Child, Info}
   alias BB.Options.ValidationError
@@ -21,6 +22,9 @@ defmodule BB.BridgeSupervisor do
   alias BB.Process.Bulkhead
   alias BB.Robot.SimulationMode
   alias BB.Supervisor.Name
+
+  # A bridge that takes longer fails like a device that is absent.
+  @start_ms 5_000
 
   # The children are bulkheads, which end only when they are killed.
   @restarts [max_restarts: 1_000, max_seconds: 1]
@@ -61,8 +65,11 @@ defmodule BB.BridgeSupervisor do
       argument = [bb: %{robot: robot, path: [name]}] ++ options
 
       module
-      |> GenServer.start_link(argument, name: BB.Process.via(robot, name))
+      |> GenServer.start_link(argument, name: BB.Process.via(robot, name), timeout: @start_ms)
       |> handle_start(robot, name)
+    else
+      {:error, {:unchecked_options, _text}} = error -> handle_start(error, robot, name)
+      {:error, _refused} = error -> error
     end
   rescue
     # The registry is being restarted.
@@ -79,8 +86,18 @@ defmodule BB.BridgeSupervisor do
   # A module that cannot be loaded fails like a device that is absent: when it starts.
   defp check(module, options) do
     if Code.ensure_loaded?(module) and function_exported?(module, :options_schema, 0),
-      do: OptionsSchema.validate(module, options, []),
+      do: validate(module, options),
       else: {:ok, options}
+  end
+
+  defp validate(module, options) do
+    call = {OptionsSchema, :validate, [module, options, []]}
+    name = "the check of the options of #{inspect(module)}"
+
+    case Callback.call(call, name: name, remember: false, quiet: true) do
+      {:ok, result} -> result
+      {:error, failure} -> {:error, {:unchecked_options, Callback.format_failure(failure)}}
+    end
   end
 
   # A first start that failed would fail the robot's. The bulkhead starts the bridge again when
@@ -103,7 +120,7 @@ defmodule BB.BridgeSupervisor do
 
       Logger.warning(
         "#{inspect(robot)}: bridge #{inspect(name)} did not start, and is started again: " <>
-          Exception.format_exit(BB.Callback.showable(reason))
+          Exception.format_exit(Callback.showable(reason))
       )
     end
   end

@@ -64,14 +64,38 @@ defmodule BB.BridgeTest do
     def subscribe_remote(_id, _state), do: :ok
   end
 
-  defp robot_with(options, simulation \\ :omit) do
+  defmodule HungSchema do
+    use BB.Bridge
+
+    @impl BB.Bridge
+    def options_schema, do: Process.sleep(:infinity)
+
+    @impl GenServer
+    def init(_opts), do: {:ok, nil}
+
+    @impl BB.Bridge
+    def handle_change(_robot, _changed, state), do: {:ok, state}
+  end
+
+  defmodule HungInit do
+    use BB.Bridge
+
+    @impl GenServer
+    def init(_opts), do: Process.sleep(:infinity)
+
+    @impl BB.Bridge
+    def handle_change(_robot, _changed, state), do: {:ok, state}
+  end
+
+  defp robot_with(options, simulation \\ :omit), do: robot_of(Registers, options, simulation)
+
+  defp robot_of(module, options, simulation) do
     create(
       quote do
         parameters do
           param :size, type: :integer, default: 8
 
-          bridge :registers, {unquote(Registers), unquote(options)},
-            simulation: unquote(simulation)
+          bridge :registers, {unquote(module), unquote(options)}, simulation: unquote(simulation)
         end
       end
     )
@@ -131,6 +155,16 @@ defmodule BB.BridgeTest do
     :persistent_term.put({Registers, owner}, :present)
     eventually(fn -> match?({:ok, _}, try_list(robot)) end)
     assert Process.whereis(robot) == root
+  end
+
+  for {module, what} <- [{HungSchema, "schema"}, {HungInit, "start"}] do
+    @tag :capture_log
+    test "a bridge whose #{what} never returns leaves the robot alone" do
+      capture_io(:stderr, fn -> send(self(), robot_of(unquote(module), [], :omit)) end)
+      assert_received robot when is_atom(robot)
+      start_supervised!(robot)
+      assert is_pid(BB.Process.whereis(robot, BB.BridgeSupervisor))
+    end
   end
 
   defp try_list(robot) do

@@ -8,9 +8,7 @@ defmodule BB.Dsl.Warnings do
   """
   @moduledoc no_example: "internal: the compiler prints its warnings"
 
-  alias BB.Dsl.{Child, Functions, Grammar, Node}
-  alias BB.Options.ValidationError
-  alias BB.Parameter.Reference
+  alias BB.Dsl.{Child, Driver, Functions, Grammar, Node}
 
   @set_state Module.concat(["BB", "Command", "SetState"])
 
@@ -67,13 +65,10 @@ defmodule BB.Dsl.Warnings do
     """
   end
 
-  # A parameter's value is known when the robot runs, and may be any.
   defp option_texts(node, module, options) do
-    {followed, given} = Enum.split_with(options, &match?({_key, %Reference{}}, &1))
-
-    with true <- Enum.all?(modules(given), &compiled?/1),
-         {:ok, schema} <- schema(module, Keyword.keys(followed)),
-         {:error, %ValidationError{} = error} <- validate(given, schema) do
+    with true <- function_exported?(module, :options_schema, 0),
+         true <- Enum.all?(modules(options), &compiled?/1),
+         {:error, error} <- Driver.check(module, options) do
       reason = Exception.message(error)
       ["#{Node.describe(node)}: wrong options for #{inspect(module)}: #{reason}"]
     else
@@ -95,28 +90,6 @@ defmodule BB.Dsl.Warnings do
 
   # Waits for a module of the same project; one that waits for this robot is unavailable.
   defp compiled?(module), do: Code.ensure_compiled(module) != {:error, :unavailable}
-
-  defp schema(module, followed) do
-    if function_exported?(module, :options_schema, 0),
-      do: {:ok, Keyword.drop(keywords(module.options_schema()), followed)},
-      else: :error
-  rescue
-    _error -> :error
-  catch
-    _kind, _reason -> :error
-  end
-
-  defp keywords(%{schema: schema}), do: schema
-  defp keywords(schema), do: schema
-
-  # A check may need a robot that runs.
-  defp validate(options, schema) do
-    BB.Options.validate(options, schema)
-  rescue
-    _error -> :error
-  catch
-    _kind, _reason -> :error
-  end
 
   defp transmission_texts(%{parent: :joint}), do: []
 
@@ -156,32 +129,7 @@ defmodule BB.Dsl.Warnings do
 
   defp reports?(actuator) do
     {:ok, module, options} = Child.parse(actuator.child)
-
-    cond do
-      not Code.ensure_loaded?(module) -> true
-      not function_exported?(module, :capabilities, 1) -> false
-      true -> :position_feedback in capabilities(module, options)
-    end
-  end
-
-  defp capabilities(module, options) do
-    given = Enum.reject(options, &match?({_key, %Reference{}}, &1))
-
-    defaults =
-      with {:ok, schema} <- schema(module, []),
-           do:
-             for(
-               {key, spec} <- schema,
-               Keyword.has_key?(spec, :default),
-               do: {key, spec[:default]}
-             ),
-           else: (_ -> [])
-
-    List.wrap(module.capabilities(Keyword.merge(defaults, given)))
-  rescue
-    _error -> []
-  catch
-    _kind, _reason -> []
+    Driver.reports_position?(module, options)
   end
 
   # Commands and states
