@@ -179,6 +179,21 @@ defmodule BB.SupervisorTest do
       for {id, pid, _, _} <- Supervisor.which_children(robot), into: %{}, do: {id, pid}
     end
 
+    @tag :capture_log
+    test "starts each process below the root once more when it is killed, and the root lives" do
+      robot = one_of_three()
+      root = start_supervised!(robot)
+
+      for {id, _pid, _type, _modules} <- Supervisor.which_children(root) do
+        # Each kill is the only one within the root's period.
+        root = restart(robot)
+        pid = child(root, id)
+        Process.exit(pid, :kill)
+        assert eventually(fn -> child(root, id) not in [pid, :restarting, :undefined] end)
+        assert Process.whereis(robot) == root, "the end of #{inspect(id)} ended the robot"
+      end
+    end
+
     test "is one_for_one at every link and joint: what dies takes only what it carries with it" do
       robot =
         robot do
@@ -231,6 +246,13 @@ defmodule BB.SupervisorTest do
       assert %{active: 1, specs: 1, workers: 1} = Supervisor.count_children(keeper)
     end
   end
+
+  defp restart(robot) do
+    stop_supervised!(robot)
+    start_supervised!(robot)
+  end
+
+  defp child(root, id), do: root |> Supervisor.which_children() |> List.keyfind(id, 0) |> elem(1)
 
   describe "wrong options" do
     test "fail the start of the robot with the validation error, and start nothing" do

@@ -18,7 +18,10 @@ defmodule BB.Command.Supervisor do
 
   @doc "Starts the processes that execute a robot's commands."
   @spec start_link(module()) :: Supervisor.on_start()
-  def start_link(robot), do: Supervisor.start_link(__MODULE__, robot)
+  def start_link(robot), do: Supervisor.start_link(__MODULE__, robot, name: name(robot))
+
+  # With a name, a successor waits for the end of an orphan, which owns the table.
+  defp name(robot), do: Module.concat(robot, CommandsSupervisor)
 
   @impl Supervisor
   def init(robot) do
