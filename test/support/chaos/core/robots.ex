@@ -39,7 +39,8 @@ defmodule BB.Test.Chaos.Core.Robots do
   Its keeper restarts it, or, if it is the process of a shared bus, the next process that opens
   the bus.
 
-    * A component has its name in its robot's registry.
+    * A component, the robot's runtime and its supervisor of tasks have their names in the robot's
+      registry.
     * A sensor on the bus needs the processes of the bus, and so does the process that shares the
       bus. These have their names in registries as well.
     * The process that shares a bus ends when all of its users have ended (`BB.Bus.I2C.Server`).
@@ -70,10 +71,16 @@ defmodule BB.Test.Chaos.Core.Robots do
   defp shared_bus?(place), do: match?([_server, BB.Bus.I2C.Servers | _], Enum.reverse(place))
 
   defp depends?(place, other) do
-    (component?(place) and registry(place) in other) or
+    (registered?(place) and registry(place) in other) or
       (on_the_bus?(place) and Enum.any?(other, &bus?/1)) or
       (warden_of(place) != nil and warden_of(place) == List.last(other))
   end
+
+  defp registered?(place),
+    do: component?(place) or List.last(place) == BB.Robot.Runtime or tasks?(place)
+
+  # The bulkhead lives. The supervisor in it may spend its restarts until the registry is back.
+  defp tasks?(place), do: Enum.count(place, &(&1 == BB.Supervisor.Tasks)) == 2
 
   defp component?(place),
     do: match?([name, {kind, name} | _] when kind in [:sensor, :actuator], Enum.reverse(place))
