@@ -19,17 +19,25 @@ defmodule BB.Supervisor.Tasks do
     use GenServer
     use BB.Process.Tolerant
 
-    @doc "Starts the process. It fails while the registry does not run."
+    @retry_ms 10
+
+    @doc """
+    Starts the process. It ends a moment later while the registry does not run, so that no start
+    fails and spends restarts of the root, which starts the registry.
+    """
     @spec start_link(module()) :: GenServer.on_start()
     def start_link(robot), do: GenServer.start_link(__MODULE__, robot)
 
     @impl GenServer
     def init(robot) do
       case Process.whereis(BB.Process.registry_name(robot)) do
-        nil -> {:stop, :no_registry}
+        nil -> {:ok, Process.send_after(self(), :stop, @retry_ms)}
         registry -> {:ok, Process.link(registry)}
       end
     end
+
+    @impl GenServer
+    def handle_info(:stop, state), do: {:stop, {:shutdown, :no_registry}, state}
   end
 
   @doc "Starts the supervisors."
@@ -38,7 +46,20 @@ defmodule BB.Supervisor.Tasks do
 
   @impl Supervisor
   def init(robot) do
-    tasks = {Task.Supervisor, name: BB.Process.via(robot, BB.TaskSupervisor)}
+    tasks = %{
+      id: BB.TaskSupervisor,
+      start: {__MODULE__, :start_tasks, [robot]},
+      type: :supervisor
+    }
+
     Supervisor.init([{RegistryLink, robot}, tasks], strategy: :one_for_all)
+  end
+
+  @doc false
+  @spec start_tasks(module()) :: Supervisor.on_start() | :ignore
+  def start_tasks(robot) do
+    if Process.whereis(BB.Process.registry_name(robot)),
+      do: Task.Supervisor.start_link(name: BB.Process.via(robot, BB.TaskSupervisor)),
+      else: :ignore
   end
 end
