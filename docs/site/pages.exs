@@ -204,7 +204,7 @@ defmodule Site do
   alias Site.{Links, Module}
 
   @documents ~w(README.md CONTRIBUTING.md CHANGELOG.md firmware/README.md) ++
-               ~w(docs/**/*.md native/*/README.md)
+               ~w(docs/**/*.md native/*/README.md packages/*/README.md)
 
   # A page that is not in the table of contents.
   @alone "---\norphan: true\n---\n\n"
@@ -248,7 +248,8 @@ defmodule Site do
 
   defp document(path, site) do
     text = File.read!(path) |> paths(path, site) |> Links.names(place(path), site.known)
-    put(site, place(path), [if(String.starts_with?(path, "native/"), do: @alone, else: ""), text])
+    alone? = String.starts_with?(path, ["native/", "packages/"])
+    put(site, place(path), [if(alone?, do: @alone, else: ""), text])
   end
 
   # The target of a link to a file of the repository: its page, the page of its module, a list of
