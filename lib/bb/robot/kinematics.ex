@@ -128,43 +128,24 @@ defmodule BB.Robot.Kinematics do
   defp origin(nil), do: Transform.identity()
 
   defp origin(%{position: {x, y, z}, orientation: {roll, pitch, yaw}}) do
-    turned =
-      turn(Vec3.unit_z(), yaw)
-      |> Quaternion.multiply(turn(Vec3.unit_y(), pitch))
-      |> Quaternion.multiply(turn(Vec3.unit_x(), roll))
-
-    Transform.new(turned, Vec3.new(x || 0.0, y || 0.0, z || 0.0))
+    Transform.new(
+      Quaternion.from_euler(roll || 0.0, pitch || 0.0, yaw || 0.0, :zyx),
+      Vec3.new(x || 0.0, y || 0.0, z || 0.0)
+    )
   end
-
-  defp turn(axis, angle), do: Quaternion.from_axis_angle(axis, angle || 0.0)
 
   defp motion(%Joint{type: :fixed}, _position), do: Transform.identity()
   defp motion(%Joint{type: :floating}, %Transform{} = pose), do: pose
 
   defp motion(%Joint{type: :prismatic} = joint, distance),
-    do: Transform.new(Quaternion.identity(), Vec3.scale(axis(joint), distance))
+    do: Transform.translation_along(axis(joint), distance)
 
-  defp motion(%Joint{type: :planar} = joint, %Transform2D{x: x, y: y, theta: theta}) do
-    {u, v} = plane(axis(joint))
-
-    Transform.new(
-      turn(axis(joint), theta),
-      Vec3.add(Vec3.scale(u, x), Vec3.scale(v, y))
-    )
-  end
+  defp motion(%Joint{type: :planar} = joint, %Transform2D{} = pose),
+    do: Transform2D.to_transform(pose, axis(joint))
 
   defp motion(%Joint{} = joint, angle),
-    do: Transform.new(turn(axis(joint), angle), Vec3.zero())
+    do: Transform.from_quaternion(Quaternion.from_axis_angle(axis(joint), angle))
 
   defp axis(%Joint{axis: nil}), do: Vec3.unit_z()
   defp axis(%Joint{axis: {x, y, z}}), do: Vec3.new(x, y, z)
-
-  # For the normal z the axes are x and y.
-  defp plane(normal) do
-    seed = if abs(normal.z) >= 0.9, do: Vec3.unit_y(), else: Vec3.unit_z()
-    u = unit(Vec3.cross(seed, normal))
-    {u, Vec3.cross(normal, u)}
-  end
-
-  defp unit(%Vec3{} = v), do: Vec3.scale(v, 1.0 / :math.sqrt(Vec3.dot(v, v)))
 end
