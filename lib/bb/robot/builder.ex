@@ -107,9 +107,7 @@ defmodule BB.Robot.Builder do
   defp center_of_mass(declared), do: declared |> Shapes.origin() |> elem(0)
 
   defp numbers(nil), do: nil
-
-  defp numbers(declared),
-    do: declared |> Map.from_struct() |> Map.new(fn {key, it} -> {key, Resolved.to_si(it)} end)
+  defp numbers(declared), do: Resolved.numbers(declared)
 
   # Components
 

@@ -105,4 +105,9 @@ defmodule BB.Robot.Resolved do
   def to_si(%Reference{}), do: nil
   def to_si(number) when is_number(number), do: number / 1
   def to_si(other), do: other
+
+  @doc "Converts the fields of a declared entity to SI, as a map."
+  @spec numbers(struct()) :: %{atom() => term()}
+  def numbers(declared),
+    do: declared |> Map.from_struct() |> Map.new(fn {key, it} -> {key, to_si(it)} end)
 end

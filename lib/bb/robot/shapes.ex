@@ -42,9 +42,9 @@ defmodule BB.Robot.Shapes do
   @doc "Returns a shape with its lengths in m, or `nil`."
   @spec geometry(struct() | nil) :: Link.geometry() | nil
   def geometry(nil), do: nil
-  def geometry(%BB.Dsl.Box{} = box), do: {:box, lengths(box)}
-  def geometry(%BB.Dsl.Cylinder{} = cylinder), do: {:cylinder, lengths(cylinder)}
-  def geometry(%BB.Dsl.Sphere{} = sphere), do: {:sphere, lengths(sphere)}
+  def geometry(%BB.Dsl.Box{} = box), do: {:box, Resolved.numbers(box)}
+  def geometry(%BB.Dsl.Cylinder{} = cylinder), do: {:cylinder, Resolved.numbers(cylinder)}
+  def geometry(%BB.Dsl.Sphere{} = sphere), do: {:sphere, Resolved.numbers(sphere)}
 
   def geometry(%BB.Dsl.Capsule{radius: radius, height: height}),
     do: {:capsule, %{radius: Resolved.to_si(radius), length: Resolved.to_si(height)}}
@@ -61,9 +61,6 @@ defmodule BB.Robot.Shapes do
       texture: declared.texture && declared.texture.filename
     }
   end
-
-  defp lengths(shape),
-    do: shape |> Map.from_struct() |> Map.new(fn {key, it} -> {key, Resolved.to_si(it)} end)
 
   defp triple(declared, fields),
     do: fields |> Enum.map(&Resolved.to_si(Map.fetch!(declared, &1))) |> List.to_tuple()
