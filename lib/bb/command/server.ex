@@ -18,8 +18,9 @@ defmodule BB.Command.Server do
 
   require Logger
 
-  alias BB.{Callback, Options, Parameter}
+  alias BB.{Callback, Parameter}
   alias BB.Command.{Context, Dispatcher, Outcome, Results}
+  alias BB.Component.OptionsSchema
   alias BB.Dsl.Child
   alias BB.Parameter.Reference
   alias BB.Robot.Runtime
@@ -229,17 +230,13 @@ defmodule BB.Command.Server do
     given = Reference.resolve(server.given, &Map.fetch!(server.values, &1))
     own = [bb: %{robot: robot}, goal: server.goal, context: context(server)]
 
-    with {:ok, schema} <- schema(server.module),
-         {:ok, options} <- Options.validate(given, schema),
-         do: {:ok, own ++ options}
+    with {:ok, options} <- validate(server.module, given), do: {:ok, own ++ options}
   end
 
-  defp schema(module) do
-    cond do
-      not Code.ensure_loaded?(module) -> {:error, {:unknown_handler, module}}
-      function_exported?(module, :options_schema, 0) -> {:ok, module.options_schema()}
-      true -> {:ok, []}
-    end
+  defp validate(module, given) do
+    if Code.ensure_loaded?(module),
+      do: OptionsSchema.validate(module, given, []),
+      else: {:error, {:unknown_handler, module}}
   end
 
   defp context(%{options: [_ | _] = options}), do: options[:context]
