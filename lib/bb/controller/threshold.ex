@@ -1,10 +1,8 @@
 defmodule BB.Controller.Threshold do
+  @shared BB.Controller.PatternMatch.options_schema().schema
+
   @options BB.Options.new!(
-             topic: [
-               type: {:list, :atom},
-               required: true,
-               doc: "The path of the messages, with all paths below it."
-             ],
+             topic: @shared[:topic],
              field: [
                type: {:or, [:atom, {:list, :any}]},
                required: true,
@@ -15,12 +13,8 @@ defmodule BB.Controller.Threshold do
              ],
              min: [type: {:or, [:float, nil]}, doc: "The least value that is well."],
              max: [type: {:or, [:float, nil]}, doc: "The greatest value that is well."],
-             action: [type: :any, required: true, doc: "A `BB.Controller.Action`."],
-             cooldown_ms: [
-               type: :non_neg_integer,
-               default: 1_000,
-               doc: "The shortest time between two actions, in milliseconds."
-             ]
+             action: @shared[:action],
+             cooldown_ms: @shared[:cooldown_ms]
            )
 
   @moduledoc """
