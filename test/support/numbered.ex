@@ -16,6 +16,13 @@ defmodule BB.Test.Numbered do
   @doc "Returns the name of a robot that no other test has."
   def new_robot(test), do: Module.concat(test, "Robot#{System.unique_integer([:positive])}")
 
+  @doc "Starts the pubsub of a robot of the test's own, and an actor, for `setup`."
+  def start_pub_sub(%{module: test}) do
+    robot = new_robot(test)
+    ExUnit.Callbacks.start_supervised!({PubSub, robot})
+    %{robot: robot, actor: Actor.start()}
+  end
+
   @doc "Creates a message with a number."
   def status(n), do: Message.new!(Status, :frame, state: :up, restarts: n)
 

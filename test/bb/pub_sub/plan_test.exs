@@ -7,11 +7,7 @@ defmodule BB.PubSub.PlanTest do
   alias BB.PubSub
   alias BB.Test.Actor
 
-  setup do
-    robot = new_robot(__MODULE__)
-    start_supervised!({PubSub, robot})
-    %{robot: robot, actor: Actor.start()}
-  end
+  setup :start_pub_sub
 
   describe "unique" do
     test "is one copy although several of the caller's subscriptions match", %{

@@ -8,11 +8,7 @@ defmodule BB.PubSub.QueueLimitTest do
   alias BB.PubSub
   alias BB.Test.Actor
 
-  setup do
-    robot = new_robot(__MODULE__)
-    start_supervised!({PubSub, robot})
-    %{robot: robot, actor: Actor.start()}
-  end
+  setup :start_pub_sub
 
   describe "max_queue" do
     test "a subscriber whose mailbox holds more than n is skipped; each skip is counted and it can see it",

@@ -5,13 +5,8 @@ defmodule BB.PubSub.RateLimitTest do
   import BB.Test.Numbered
 
   alias BB.PubSub
-  alias BB.Test.Actor
 
-  setup do
-    robot = new_robot(__MODULE__)
-    start_supervised!({PubSub, robot})
-    %{robot: robot, actor: Actor.start()}
-  end
+  setup :start_pub_sub
 
   describe "max_rate" do
     test "decimates: at most so many per second per path", %{robot: robot, actor: actor} do

@@ -8,11 +8,7 @@ defmodule BB.PubSub.RetentionTest do
   alias BB.Message.Sensor.{PowerState, Status}
   alias BB.Test.Actor
 
-  setup do
-    robot = new_robot(__MODULE__)
-    start_supervised!({PubSub, robot})
-    %{robot: robot, actor: Actor.start()}
-  end
+  setup :start_pub_sub
 
   describe "last" do
     test "is kept of [:param], [:state_machine], [:sensor_status] and everything below them", %{

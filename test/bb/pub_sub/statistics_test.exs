@@ -7,11 +7,7 @@ defmodule BB.PubSub.StatisticsTest do
   alias BB.PubSub
   alias BB.Test.Actor
 
-  setup do
-    robot = new_robot(__MODULE__)
-    start_supervised!({PubSub, robot})
-    %{robot: robot, actor: Actor.start()}
-  end
+  setup :start_pub_sub
 
   describe "stats" do
     test "are per subscriber delivered, dropped, filtered", %{robot: robot, actor: actor} do

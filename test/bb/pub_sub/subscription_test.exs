@@ -4,13 +4,8 @@ defmodule BB.PubSub.SubscriptionTest do
   import BB.Test.Numbered
 
   alias BB.PubSub
-  alias BB.Test.Actor
 
-  setup do
-    robot = new_robot(__MODULE__)
-    start_supervised!({PubSub, robot})
-    %{robot: robot, actor: Actor.start()}
-  end
+  setup :start_pub_sub
 
   describe "wrong options" do
     test "raise ArgumentError saying what was given and what is accepted", %{robot: robot} do
