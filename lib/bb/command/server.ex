@@ -20,7 +20,7 @@ defmodule BB.Command.Server do
 
   alias BB.{Callback, Parameter}
   alias BB.Command.{Context, Dispatcher, Outcome, Results}
-  alias BB.Component.OptionsSchema
+  alias BB.Component.{OptionsSchema, UserState}
   alias BB.Dsl.Child
   alias BB.Parameter.Reference
   alias BB.Robot.Runtime
@@ -98,19 +98,19 @@ defmodule BB.Command.Server do
   def handle_info(@begin, server), do: start(server)
 
   def handle_info({Results, :await, ref}, server),
-    do: continue_timeout(%{server | waiting: [ref | server.waiting]})
+    do: UserState.continue(%{server | waiting: [ref | server.waiting]})
 
   def handle_info({__MODULE__, :stop, reason}, server),
     do: {:stop, reason, %{server | stopped?: true}}
 
   def handle_info({__MODULE__, :safety, state}, %{ready?: true} = server),
-    do: handle_safety_state(server, state, &continue_timeout/1)
+    do: handle_safety_state(server, state, &UserState.continue/1)
 
   # `start/1` compares the state of the robot.
   def handle_info({__MODULE__, :safety, _state}, server), do: {:noreply, server}
 
   def handle_info({:EXIT, _pid, reason}, %{traps_exits?: true} = server) do
-    if reason == :normal, do: continue_timeout(server), else: {:stop, reason, server}
+    if reason == :normal, do: UserState.continue(server), else: {:stop, reason, server}
   end
 
   def handle_info({Parameter, watch, values}, %{watch: watch} = server) do
@@ -252,7 +252,7 @@ defmodule BB.Command.Server do
 
   defp update_options(%{options: options} = server) do
     case check_options(server) do
-      {:ok, ^options} -> continue_timeout(server)
+      {:ok, ^options} -> UserState.continue(server)
       {:ok, options} -> handle_options(%{server | options: options})
       {:error, error} -> fail(server, error)
     end
@@ -260,7 +260,7 @@ defmodule BB.Command.Server do
 
   defp handle_options(server) do
     case apply_callback(server, :handle_options, [server.options, server.user_state]) do
-      {:ok, state} -> continue_timeout(%{server | user_state: state})
+      {:ok, state} -> UserState.continue(%{server | user_state: state})
       {:stop, reason} -> handle_return(server, {:stop, reason, server.user_state})
       other -> {:stop, {:bad_return_value, Callback.showable(other)}, server}
     end
@@ -283,38 +283,16 @@ defmodule BB.Command.Server do
       :erlang.raise(kind, Callback.showable(reason), __STACKTRACE__)
   end
 
-  defp handle_return(server, {:noreply, state}), do: {:noreply, put_state(server, state)}
-
-  defp handle_return(server, {:noreply, state, next}),
-    do: {:noreply, put_state(server, state, next), next}
-
-  defp handle_return(server, {:reply, reply, state}),
-    do: {:reply, reply, put_state(server, state)}
-
-  defp handle_return(server, {:reply, reply, state, next}),
-    do: {:reply, reply, put_state(server, state, next), next}
-
   defp handle_return(server, {:stop, reason, state}),
     do: {:stop, Callback.showable(reason), put_stopped(server, state)}
 
   defp handle_return(server, {:stop, reason, reply, state}),
     do: {:stop, Callback.showable(reason), reply, put_stopped(server, state)}
 
-  defp handle_return(server, other),
-    do: {:stop, {:bad_return_value, Callback.showable(other)}, server}
-
-  defp put_stopped(server, state), do: %{put_state(server, state) | stopped?: true}
-
-  defp put_state(server, state, next \\ nil) do
-    timeout_at_ms = if is_integer(next), do: now_ms() + next
-    %{server | user_state: state, timeout_at_ms: timeout_at_ms}
+  defp handle_return(server, returned) do
+    with :error <- UserState.put_returned(server, returned),
+         do: {:stop, {:bad_return_value, Callback.showable(returned)}, server}
   end
 
-  # A message of the server's own does not end the handler's time-out.
-  defp continue_timeout(%{timeout_at_ms: nil} = server), do: {:noreply, server}
-
-  defp continue_timeout(server),
-    do: {:noreply, server, max(server.timeout_at_ms - now_ms(), 0)}
-
-  defp now_ms, do: System.monotonic_time(:millisecond)
+  defp put_stopped(server, state), do: %{UserState.put(server, state) | stopped?: true}
 end

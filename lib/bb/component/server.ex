@@ -51,7 +51,7 @@ defmodule BB.Component.Server do
   use GenServer
 
   alias BB.Callback
-  alias BB.Component.{Heartbeat, OptionsCheck, Resolution}
+  alias BB.Component.{Heartbeat, OptionsCheck, Resolution, UserState}
 
   @enforce_keys [:module, :kind, :bb, :resolution]
   defstruct [
@@ -165,7 +165,7 @@ defmodule BB.Component.Server do
 
   @impl GenServer
   def handle_info({:EXIT, _pid, reason}, %{traps_exits?: true} = server) do
-    if reason == :normal, do: continue_timeout(server), else: {:stop, reason, server}
+    if reason == :normal, do: UserState.continue(server), else: {:stop, reason, server}
   end
 
   def handle_info({BB.Parameter, watch, values}, %{watch: watch} = server),
@@ -231,10 +231,8 @@ defmodule BB.Component.Server do
 
   defp handle_init({:ok, state}, server), do: {:ok, put_ready(server, state)}
 
-  defp handle_init({:ok, state, next}, server) do
-    server = put_ready(server, state)
-    {:ok, put_timeout(server, next), next}
-  end
+  defp handle_init({:ok, state, next}, server),
+    do: {:ok, server |> put_ready(state) |> UserState.put(state, next), next}
 
   defp handle_init({:stop, reason}, _server), do: {:stop, Callback.showable(reason)}
   defp handle_init({:error, reason}, _server), do: {:stop, Callback.showable(reason)}
@@ -252,7 +250,7 @@ defmodule BB.Component.Server do
 
   defp update_options(%{options: options} = server) do
     case check_options(server) do
-      {:ok, ^options} -> continue_timeout(server)
+      {:ok, ^options} -> UserState.continue(server)
       {:ok, options} -> handle_options(%{server | options: options})
       {:error, error} -> {:stop, error, report(server, {:stopping, error})}
     end
@@ -262,7 +260,7 @@ defmodule BB.Component.Server do
     register_disarm(server)
 
     case apply_callback(server, :handle_options, [server.options, server.user_state]) do
-      {:ok, state} -> continue_timeout(%{server | user_state: state})
+      {:ok, state} -> UserState.continue(%{server | user_state: state})
       {:stop, reason} -> handle_return(server, {:stop, reason, server.user_state})
       other -> {:stop, {:bad_return_value, Callback.showable(other)}, server}
     end
@@ -294,7 +292,7 @@ defmodule BB.Component.Server do
     case route(server, transport, request) do
       :pass -> run_callback(server, callback, [request])
       {:command, message} -> run_command(server, message, &drop_reply/1)
-      {:answer, _reply} -> continue_timeout(server)
+      {:answer, _reply} -> UserState.continue(server)
     end
   end
 
@@ -314,7 +312,7 @@ defmodule BB.Component.Server do
   defp drop_reply(other), do: other
 
   defp answer(server, reply) do
-    case continue_timeout(server) do
+    case UserState.continue(server) do
       {:noreply, server} -> {:reply, reply, server}
       {:noreply, server, timeout_ms} -> {:reply, reply, server, timeout_ms}
     end
@@ -322,45 +320,19 @@ defmodule BB.Component.Server do
 
   # Puts the callback module's new state into the server's.
 
-  defp handle_return(server, {:noreply, state}), do: {:noreply, put_state(server, state)}
-
-  defp handle_return(server, {:noreply, state, next}),
-    do: {:noreply, put_state(server, state, next), next}
-
-  defp handle_return(server, {:reply, reply, state}),
-    do: {:reply, reply, put_state(server, state)}
-
-  defp handle_return(server, {:reply, reply, state, next}),
-    do: {:reply, reply, put_state(server, state, next), next}
-
   defp handle_return(server, {:stop, reason, state}) do
     reason = Callback.showable(reason)
-    {:stop, reason, server |> report({:stopping, reason}) |> put_state(state)}
+    {:stop, reason, server |> report({:stopping, reason}) |> UserState.put(state)}
   end
 
   defp handle_return(server, {:stop, reason, reply, state}) do
     reason = Callback.showable(reason)
-    {:stop, reason, reply, server |> report({:stopping, reason}) |> put_state(state)}
+    {:stop, reason, reply, server |> report({:stopping, reason}) |> UserState.put(state)}
   end
 
-  defp handle_return(_server, other), do: Callback.showable(other)
-
-  defp put_state(server, state, next \\ nil),
-    do: put_timeout(%{server | user_state: state}, next)
-
-  # A message of the server's own does not end the callback module's time-out.
-
-  defp put_timeout(server, timeout_ms) when is_integer(timeout_ms),
-    do: %{server | timeout_at_ms: now_ms() + timeout_ms}
-
-  defp put_timeout(server, _next), do: %{server | timeout_at_ms: nil}
-
-  defp continue_timeout(%{timeout_at_ms: nil} = server), do: {:noreply, server}
-
-  defp continue_timeout(server),
-    do: {:noreply, server, max(server.timeout_at_ms - now_ms(), 0)}
-
-  defp now_ms, do: System.monotonic_time(:millisecond)
+  defp handle_return(server, returned) do
+    with :error <- UserState.put_returned(server, returned), do: Callback.showable(returned)
+  end
 
   defp report(%{keeper: nil} = server, _report), do: server
 
